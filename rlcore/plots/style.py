@@ -1,0 +1,200 @@
+"""One look for every figure, and the few shapes that the chapters share.
+
+Convention. A plot function builds its figure with ``new_figure`` or ``new_diagram`` and returns it. In a notebook the
+cell's last line is an assignment, ``fig = plots.some_figure(...)``: the inline backend shows the figure once, at the
+end of the cell, and the compared text is ``<Figure size 600x360 with 1 Axes>``. A cell that ends with the bare
+``plots.some_figure(...)`` shows it once, too. ``explore`` hands each frame to ``encode``, which closes it, so that
+frames neither pile up nor show a second time. ``plots.use_style()`` stands in the first code cell.
+"""
+
+import io
+import re
+import sys
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+from cycler import cycler
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
+
+# Okabe and Ito's colours (2008), the pale ones darkened: each has a contrast of 3:1 or more on white.
+PALETTE = {
+    "blue": "#0072B2",
+    "vermillion": "#D55E00",
+    "green": "#00875F",
+    "purple": "#A8508A",
+    "ochre": "#A06A00",
+    "black": "#222222",
+    "grey": "#767676",
+    "light": "#E8EEF4",  # fills only
+}
+_LINES = ["-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1))]
+CYCLE = [PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "ochre", "black")]
+FONTS = "'DejaVu Sans',Verdana,Geneva,sans-serif"
+WIDTH, HEIGHT, DPI = 6.0, 3.6, 100
+
+STYLE = {
+    "axes.prop_cycle": cycler(color=CYCLE) + cycler(linestyle=_LINES),
+    "axes.axisbelow": True,
+    "axes.edgecolor": "#555555",
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 13,
+    "figure.constrained_layout.use": True,
+    "figure.dpi": DPI,
+    "figure.facecolor": "white",
+    "figure.figsize": (WIDTH, HEIGHT),
+    "font.family": "DejaVu Sans",
+    "font.size": 13,
+    "grid.color": "#E2E2E2",
+    "grid.linewidth": 0.8,
+    "image.cmap": "cividis",
+    "legend.fontsize": 12,
+    "legend.framealpha": 0.9,
+    "legend.handlelength": 2.6,
+    "lines.linewidth": 2.2,
+    "lines.markersize": 7,
+    "savefig.facecolor": "white",
+    "svg.hashsalt": "rlcore",
+    "xtick.labelsize": 12,
+    "ytick.labelsize": 12,
+}
+
+
+def use_style():
+    """Set the book's look for every figure from here on, and sharp PNG of a fixed size in a notebook."""
+    mpl.rcParams.update(STYLE)
+    if "ipykernel" in sys.modules:
+        from matplotlib_inline.backend_inline import set_matplotlib_formats
+
+        set_matplotlib_formats("retina", bbox_inches=None)
+
+
+class _ShownOnce(Figure):
+    """A figure that, as the last value of a cell, leaves its display to the inline backend."""
+
+    def _ipython_display_(self):
+        waiting = plt.get_backend().lower().endswith("inline") and self in map(plt.figure, plt.get_fignums())
+        if not waiting:
+            raise NotImplementedError  # IPython then shows the figure in its usual way
+
+
+def new_figure(nrows=1, ncols=1, *, width=WIDTH, height=HEIGHT, **subplots):
+    """Return (figure, axes) as ``plt.subplots`` does, in the book's size; width and height in inches."""
+    return plt.subplots(nrows, ncols, figsize=(width, height), FigureClass=_ShownOnce, **subplots)
+
+
+def new_diagram(xlim, ylim, *, width=WIDTH, height=None):
+    """Return (figure, axes) for a drawing: equal units, no frame, xlim and ylim in the drawing's own units."""
+    height = width * (ylim[1] - ylim[0]) / (xlim[1] - xlim[0]) if height is None else height
+    fig, ax = new_figure(width=width, height=height)
+    ax.set(xlim=xlim, ylim=ylim, aspect="equal")
+    ax.axis("off")
+    return fig, ax
+
+
+def band(ax, x, mean, spread, label, **line):
+    """Draw a curve and its spread; spread: (n,) for mean +- spread, or (2, n) for low and high. Returns the line."""
+    mean, spread = np.asarray(mean, float), np.asarray(spread, float)
+    low, high = spread if spread.ndim == 2 else (mean - spread, mean + spread)
+    (curve,) = ax.plot(x, mean, label=label, **line)
+    ax.fill_between(x, low, high, color=curve.get_color(), alpha=0.2, linewidth=0)
+    return curve
+
+
+def text_colour(background):
+    """Black or white, whichever has the higher contrast on the background colour."""
+    rgb = np.array(mpl.colors.to_rgb(background))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return "white" if linear @ [0.2126, 0.7152, 0.0722] < 0.179 else "black"
+
+
+def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None, vmax=None, fontsize=11):
+    """Draw a matrix as coloured cells, each with its number; NaN is a grey wall without text.
+
+    fmt: how a number is written, None for no text. labels: texts of the same shape, instead of the numbers.
+    vmin, vmax: fix them where several pictures are compared. Returns the image (for a colour bar).
+    """
+    values = np.ma.masked_invalid(np.asarray(values, float))
+    image = ax.imshow(values, cmap=mpl.colormaps[cmap].with_extremes(bad="#9A9A9A"), vmin=vmin, vmax=vmax)
+    ax.grid(False)
+    ax.set(xticks=[], yticks=[])
+    for (i, j), value in np.ndenumerate(values):
+        if value is np.ma.masked or (labels is None and fmt is None):
+            continue
+        text = fmt.format(value) if labels is None else str(labels[i][j])
+        colour = text_colour(image.cmap(image.norm(value)))
+        ax.text(j, i, text, ha="center", va="center", color=colour, fontsize=fontsize)
+    return image
+
+
+def box(ax, xy, text="", *, width=2.0, height=1.0, face=PALETTE["light"], edge=PALETTE["black"], **font):
+    """Draw a rounded box centred at xy with its text."""
+    corner = (xy[0] - width / 2, xy[1] - height / 2)
+    style = f"round,pad=0,rounding_size={0.15 * min(width, height)}"
+    ax.add_patch(FancyBboxPatch(corner, width, height, boxstyle=style, fc=face, ec=edge, lw=1.8, zorder=2))
+    ax.text(*xy, text, ha="center", va="center", color=text_colour(face), zorder=3, **font)
+
+
+def circle(ax, xy, text="", *, radius=0.4, face="white", edge=PALETTE["black"], **font):
+    """Draw a circle at xy: white for a state, filled with edge's colour (face=edge) for an action."""
+    ax.add_patch(Circle(xy, radius, fc=face, ec=edge, lw=1.8, zorder=2))
+    ax.text(*xy, text, ha="center", va="center", color=text_colour(face), zorder=3, **font)
+
+
+def arrow(ax, start, end, text="", *, curve=0.0, colour=PALETTE["black"], line="-", at=0.5, offset=(0.0, 0.0), **font):
+    """Draw an arrow from start to end, bent by curve (a fraction of its length, to the left of travel).
+
+    text stands on a white ground at the fraction ``at`` of the way, moved by ``offset`` in the drawing's units.
+    """
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    style = {"arrowstyle": "-|>", "mutation_scale": 16, "connectionstyle": f"arc3,rad={-curve}"}
+    ax.add_patch(FancyArrowPatch(start, end, lw=1.8, ls=line, color=colour, shrinkA=0, shrinkB=0, zorder=1, **style))
+    if text:
+        left = np.array([start[1] - end[1], end[0] - start[0]])
+        x, y = start + at * (end - start) + 2 * at * (1 - at) * curve * left + offset
+        ground = {"fc": "white", "ec": "none", "pad": 1.0}
+        ax.text(x, y, text, ha="center", va="center", color=colour, bbox=ground, zorder=1.5, **font)
+
+
+def encode(fig, fmt="svg", *, dpi=150):
+    """Return (mime type, bytes) of a figure and close it: SVG with real text, or PNG of 256 colours.
+
+    The same figure gives the same bytes. fmt: "svg", or "png" for pictures with very many points.
+    """
+    if not isinstance(fig, Figure):
+        raise ValueError(f"draw returned {type(fig).__name__}; it must return a matplotlib Figure")
+    out = io.BytesIO()
+    if fmt == "svg":
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "rlcore"}):
+            fig.savefig(out, format="svg", metadata=nothing)
+        plt.close(fig)
+        return "image/svg+xml", _small_svg(out.getvalue().decode()).encode()
+    if fmt != "png":
+        raise ValueError(f'fmt={fmt!r}; allowed are "svg" and "png"')
+    from PIL import Image
+
+    fig.savefig(out, format="png", dpi=dpi)
+    plt.close(fig)
+    small = io.BytesIO()
+    Image.open(out).convert("RGB").quantize(256).save(small, "PNG", optimize=True)
+    return "image/png", small.getvalue()
+
+
+def _small_svg(svg):
+    """Drop comments, unused ids and digits beyond 1/100 point; name the fonts once, with fallbacks."""
+    svg = " ".join(re.sub(r"<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.S).split())
+    svg = re.sub(r'<g id="[^"]*"', "<g", svg)
+    svg = svg.replace("font-family: 'DejaVu Sans';", "")
+    svg = svg.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
+    return re.sub(r' (?:d|x|y|width|height|points|transform)="[^"]*"', _shorter, svg).replace("> <", "><")
+
+
+def _shorter(attribute):
+    text = attribute.group()
+    if "scale" in text or "matrix" in text:
+        return text
+    return re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number.group()):.2f}".rstrip("0").rstrip("."), text)
