@@ -1,0 +1,1 @@
+"""Every algorithm of the companion, implemented once."""

@@ -1,0 +1,189 @@
+"""Bellman equations: backups, optimality, exact solution of small systems (chapter 2)."""
+
+import itertools
+from functools import cache
+
+import numpy as np
+
+from rlcore.mdp import check_count, check_gamma, check_policy, check_values, deterministic_policy
+
+
+def q_from_v(mdp, V, gamma):
+    """q(s, a) = E[R + gamma V(S')], (S, A); -inf where a is not in A(s). eq-15, one-step lookahead alg-greedy-lookahead
+
+    V: (S,) or a number. Terminal states count as 0 whatever V says. With V = v_pi this is q_pi, with v_* it is q_*.
+    """
+    V, gamma = check_values(mdp, V), check_gamma(gamma)
+    Q = (mdp.prob * (mdp.reward + gamma * V[mdp.next_state])).sum(axis=2)  # eq-15
+    return np.where(mdp.legal, Q, -np.inf)
+
+
+def v_from_q(Q, pi):
+    """v(s) = sum over a of pi(a|s) q(s, a), (S,). fig-3
+
+    Q, pi: (S, A). An action of probability 0 counts 0 even where Q is -inf.
+    """
+    Q, pi = np.asarray(Q, float), np.asarray(pi, float)
+    if Q.shape != pi.shape or Q.ndim != 2:
+        raise ValueError(f"Q: got shape {Q.shape}, must be that of pi, {pi.shape}")
+    return np.where(pi > 0, pi * np.where(pi > 0, Q, 0.0), 0.0).sum(axis=1)
+
+
+def expectation_backup(mdp, pi, V, gamma):
+    """Right-hand side of the Bellman equation for v_pi, (S,). eq-12, om-bellman-derivation, alg-bellman-operators
+
+    V is v_pi exactly where this gives V back.
+    """
+    return v_from_q(q_from_v(mdp, V, gamma), check_policy(mdp, pi))  # eq-12
+
+
+def expectation_backup_q(mdp, pi, Q, gamma):
+    """Right-hand side of the Bellman equation for q_pi, (S, A). om-bellman-q, fig-4"""
+    return q_from_v(mdp, v_from_q(check_q(mdp, Q), check_policy(mdp, pi)), gamma)
+
+
+def optimality_backup(mdp, V, gamma):
+    """Right-hand side of the Bellman optimality equation for v_*, (S,). eq-16"""
+    return q_from_v(mdp, V, gamma).max(axis=1)  # eq-16
+
+
+def optimality_backup_q(mdp, Q, gamma):
+    """Right-hand side of the Bellman optimality equation for q_*, (S, A). eq-17 corrected"""
+    return q_from_v(mdp, check_q(mdp, Q).max(axis=1), gamma)  # eq-17
+
+
+def check_q(mdp, Q):
+    """Q as (S, A) floats with -inf at actions that are not legal; ValueError for another shape or NaN."""
+    Q = np.asarray(Q, float)
+    if Q.shape != mdp.legal.shape:
+        raise ValueError(f"Q: got shape {Q.shape}, must be {mdp.legal.shape}")
+    if np.isnan(Q).any():
+        raise ValueError("Q: contains NaN, must be numbers")
+    return np.where(mdp.legal, Q, -np.inf)
+
+
+def greedy(Q):
+    """The policy (S, A) that takes the first maximising action of each row. alg-greedy-lookahead"""
+    Q = _rows(Q)
+    return np.eye(Q.shape[1])[Q.argmax(axis=1)]
+
+
+def greedy_actions(Q, tol=1e-9):
+    """Every maximising action: (S, A) bool, Q(s, a) >= max - tol * (1 + |max|). cl-013"""
+    Q = _rows(Q)
+    best = Q.max(axis=1, keepdims=True)
+    return Q >= best - tol * (1 + np.abs(best))
+
+
+def _rows(Q):
+    Q = np.asarray(Q, float)
+    if Q.ndim != 2 or Q.shape[1] == 0 or np.isnan(Q).any():
+        raise ValueError(f"Q: got shape {Q.shape}{' with NaN' if np.isnan(Q).any() else ''}, must be (S, A) numbers")
+    return Q
+
+
+def policy_matrix(mdp, pi):
+    """P_pi (S, S) as a scipy sparse array, and r_pi (S,): the Markov reward process of pi. eq-u-model-and-policy"""
+    from scipy.sparse import csr_array
+
+    pi = check_policy(mdp, pi)
+    weight = pi[:, :, None] * mdp.prob
+    rows = np.broadcast_to(np.arange(mdp.n_states)[:, None, None], weight.shape)
+    used = weight > 0
+    P = csr_array((weight[used], (rows[used], mdp.next_state[used])), shape=(mdp.n_states, mdp.n_states))
+    P.sum_duplicates()
+    return P, (weight * mdp.reward).sum(axis=(1, 2))
+
+
+def is_proper(mdp, pi):
+    """Whether pi reaches a terminal state with probability 1 from every state."""
+    P, _ = policy_matrix(mdp, pi)
+    return bool(_reaches(P, mdp.terminal).all())
+
+
+def _reaches(P, target):
+    """States from which the chain P can reach the target set, (S,) bool."""
+    from scipy.sparse import csr_array, vstack
+    from scipy.sparse.csgraph import breadth_first_order
+
+    S = target.size
+    source = csr_array((np.ones(target.sum()), (np.zeros(target.sum(), int), np.flatnonzero(target))), shape=(1, S))
+    graph = csr_array(vstack([P.T, source]))
+    graph.resize(S + 1, S + 1)
+    reached = np.zeros(S + 1, bool)
+    reached[breadth_first_order(graph, S, return_predecessors=False)] = True
+    return reached[:S]
+
+
+def solve_policy(mdp, pi, gamma):
+    """v_pi (S,), the solution of the linear system (12). eq-12, alg-bellman-operators
+
+    Raises ValueError at gamma = 1 where pi may never reach a terminal state (an improper policy): there the system is
+    singular. Source: Puterman (1994), theorem 6.1.1.
+    """
+    gamma = check_gamma(gamma)
+    P, r = policy_matrix(mdp, pi)
+    return _solve_system(P, r, gamma, mdp.terminal)
+
+
+def _solve_system(P, r, gamma, terminal):
+    """V with V = r + gamma P V and V = 0 on terminal states."""
+    if gamma == 1 and not (reaches := _reaches(P, terminal)).all():
+        s = np.flatnonzero(~reaches)[0]
+        raise ValueError(f"pi: never terminates from state {s}, must reach a terminal state when gamma = 1")
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import spsolve
+
+    go = np.flatnonzero(~terminal)
+    V = np.zeros(terminal.size)
+    P = P[go][:, go]
+    if go.size > 2000 and P.nnz < 0.05 * go.size**2:
+        V[go] = spsolve((eye_array(go.size) - gamma * P).tocsc(), r[go])
+    else:
+        V[go] = np.linalg.solve(np.eye(go.size) - gamma * P.toarray(), r[go])
+    return V
+
+
+def deterministic_policies(mdp):
+    """Every deterministic policy (S, A), for processes so small that they can be listed. eq-13, eq-14"""
+    allowed = [[0] if end else np.flatnonzero(row) for row, end in zip(mdp.legal, mdp.terminal)]
+    for actions in itertools.product(*allowed):
+        yield deterministic_policy(mdp, np.array(actions))
+
+
+def newton_optimality(mdp, gamma, n_iter, *, V0=0.0):
+    """Newton's method on V - (optimality backup of V) = 0; history (n_iter + 1, S). alg-nonlinear-system, eq-16
+
+    The system is piecewise linear; its derivative at V is I - gamma P_pi with pi greedy for V, so that a Newton step is
+    a step of policy iteration. Source: Puterman and Brumelle (1979).
+    """
+    V, gamma = check_values(mdp, V0, "V0"), check_gamma(gamma)
+    history = [V]
+    for _ in range(check_count("n_iter", n_iter)):
+        P, _ = policy_matrix(mdp, greedy(q_from_v(mdp, V, gamma)))
+        V = V + _solve_system(P, optimality_backup(mdp, V, gamma) - V, gamma, mdp.terminal)
+        history.append(V)
+    return np.array(history)
+
+
+def heuristic_search(mdp, s, depth, gamma, *, V0=0.0):
+    """Values (A,) of the actions of state s after an expectimax search of `depth` steps with V0 at the leaves.
+
+    -inf where a is not in A(s). The error is at most gamma^depth times that of V0. alg-heuristic-search
+    """
+    s, depth = mdp._index("s", s, mdp.n_states), check_count("depth", depth)
+    V, gamma = check_values(mdp, V0, "V0"), check_gamma(gamma)
+
+    @cache
+    def value(s, depth):
+        return V[s] if depth == 0 or mdp.terminal[s] else lookahead(s, depth).max()
+
+    def lookahead(s, depth):
+        q = np.full(mdp.n_actions, -np.inf)
+        for a in np.flatnonzero(mdp.legal[s]):
+            used = mdp.prob[s, a] > 0
+            outcomes = zip(mdp.prob[s, a, used], mdp.reward[s, a, used], mdp.next_state[s, a, used])
+            q[a] = sum(p * (r + gamma * value(s_next, depth - 1)) for p, r, s_next in outcomes)  # eq-16
+        return q
+
+    return lookahead(s, depth)

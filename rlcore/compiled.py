@@ -1,0 +1,41 @@
+"""One source, two speeds: numba's njit where numba is importable, plain Python where it is not."""
+
+import functools
+import importlib.util
+import os
+
+HAVE_NUMBA = importlib.util.find_spec("numba") is not None and os.environ.get("RLCORE_NO_NUMBA") != "1"
+_lazy = []
+
+
+class _Lazy:
+    """A function that numba compiles when it is first called, so that importing a module stays quick."""
+
+    def __init__(self, function):
+        functools.update_wrapper(self, function)
+        self.dispatcher = None
+        _lazy.append(self)
+
+    def __call__(self, *args):
+        if self.dispatcher is None:
+            _link()
+        return self.dispatcher(*args)
+
+
+def _link():
+    """Give every waiting function its dispatcher, under the names by which compiled functions call each other."""
+    import numba
+
+    for lazy in _lazy:
+        if lazy.dispatcher is None:
+            lazy.dispatcher = numba.njit(cache=True)(lazy.__wrapped__)
+    for lazy in _lazy:
+        names = lazy.__wrapped__.__globals__
+        for name, value in names.items():
+            if isinstance(value, _Lazy):
+                names[name] = value.dispatcher
+
+
+def compiled(function):
+    """Compile `function` with numba on first use; leave it alone where there is no numba or RLCORE_NO_NUMBA=1."""
+    return _Lazy(function) if HAVE_NUMBA else function

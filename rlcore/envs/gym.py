@@ -1,0 +1,68 @@
+"""A FiniteMDP as a gymnasium environment."""
+
+import gymnasium as gym
+
+from rlcore.mdp import FiniteMDP, cumulative, draw
+
+
+class LegalActions(gym.spaces.Discrete):
+    """Discrete actions of which sample() draws only those that are legal now, unless a mask says otherwise."""
+
+    def __init__(self, env):
+        super().__init__(env.mdp.n_actions)
+        self._env = env
+
+    def sample(self, mask=None, probability=None):
+        if mask is None and probability is None:
+            mask = self._env.action_mask()
+        return super().sample(mask, probability)
+
+
+class MDPEnv(gym.Env):
+    """A FiniteMDP behind gymnasium's interface: Discrete observations and actions, `terminated` at terminal states.
+
+    Never truncates; wrap it in gymnasium.wrappers.TimeLimit for that. `P` and `initial_state_distrib` are the tables of
+    gymnasium's toy-text environments, info carries "action_mask". step raises ValueError for an action not in A(s).
+    """
+
+    metadata = {"render_modes": []}
+
+    def __init__(self, mdp):
+        if not isinstance(mdp, FiniteMDP):
+            raise ValueError(f"mdp: got {type(mdp).__name__}, must be a FiniteMDP")
+        self.mdp = mdp
+        self.state_names, self.action_names = mdp.state_names, mdp.action_names
+        self.s = int(mdp.start.argmax())
+        self.observation_space = gym.spaces.Discrete(mdp.n_states)
+        self.action_space = LegalActions(self)
+        self.initial_state_distrib = mdp.start
+        self._start, self._cdf = cumulative(mdp.start), cumulative(mdp.prob)
+
+    @property
+    def P(self):
+        mdp = self.mdp
+        return {s: {a: self._row(s, a) for a in range(mdp.n_actions) if mdp.legal[s, a]} for s in range(mdp.n_states)}
+
+    def _row(self, s, a):
+        m = self.mdp
+        outcomes = zip(m.prob[s, a].tolist(), m.next_state[s, a].tolist(), m.reward[s, a].tolist())
+        return [(p, s_next, r, bool(m.terminal[s_next])) for p, s_next, r in outcomes if p > 0]
+
+    def action_mask(self):
+        """A(s) of the current state as (A,) int8."""
+        return self.mdp.legal[self.s].astype("int8")
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.s = int(draw(self._start, self.np_random))
+        return self.s, {"action_mask": self.action_mask()}
+
+    def step(self, action):
+        m, s = self.mdp, self.s
+        a = m._index("action", action, m.n_actions)
+        if not m.legal[s, a]:
+            raise ValueError(f"action: got {a} in state {s}, allowed there: {m.legal[s].nonzero()[0].tolist()}")
+        k = draw(self._cdf[s, a], self.np_random)
+        self.s = int(m.next_state[s, a, k])
+        terminated = bool(m.terminal[self.s])
+        return self.s, float(m.reward[s, a, k]), terminated, False, {"action_mask": self.action_mask()}

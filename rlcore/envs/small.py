@@ -1,0 +1,36 @@
+"""Small processes that make one point each."""
+
+import numpy as np
+
+from rlcore.mdp import FiniteMDP, check_count
+
+__all__ = ["random_mdp", "random_walk"]
+
+
+def random_walk(n, *, rewards=None, start=None):
+    """n states in a row, one action that steps left or right with probability 1/2, a terminal state at each end.
+
+    States 0 (left end), 1..n, n + 1 (right end); start in the middle. rewards: (on the left end, on the right end);
+    the default is (0, 1) for n < 19 (true values i / (n + 1)) and (-1, 1) from n = 19 on.
+    Source: Sutton and Barto (2018), example 6.2 (n = 5) and section 12.1 (n = 19).
+    """
+    n = check_count("n", n)
+    left, right = rewards if rewards is not None else ((0.0, 1.0) if n < 19 else (-1.0, 1.0))
+    outcomes = {(s, 0): [(0.5, s - 1, left * (s == 1)), (0.5, s + 1, right * (s == n))] for s in range(1, n + 1)}
+    return FiniteMDP.from_outcomes(outcomes, start=(n + 1) // 2 if start is None else start, action_names=("step",))
+
+
+def random_mdp(n_states, n_actions, *, n_next=None, concentration=0.3, rng):
+    """A random process without terminal states: Dirichlet(concentration) rows, normal rewards r(s, a, s'). fig-13
+
+    n_next: how many successors each pair has (drawn with repetition, as sparse processes need); all states where None.
+    """
+    S, A = check_count("n_states", n_states), check_count("n_actions", n_actions)
+    K = S if n_next is None else check_count("n_next", n_next)
+    if n_next is None:
+        next_state = np.broadcast_to(np.arange(S), (S, A, S))
+    else:
+        next_state = rng.integers(S, size=(S, A, K))
+    prob = rng.dirichlet(np.full(K, concentration), size=(S, A))
+    reward = rng.normal(size=(S, A, K))
+    return FiniteMDP(next_state, prob, reward, np.ones((S, A), bool), np.zeros(S, bool), np.full(S, 1 / S))
