@@ -9,6 +9,7 @@ import hashlib
 import html
 import itertools
 import numbers
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from urllib.parse import quote
@@ -186,7 +187,8 @@ def _text(value):
 def _img(mime, raw, alt):
     """An HTML image that holds its data; as an <img>, each SVG keeps its ids to itself."""
     if mime == "image/svg+xml":
-        data = "," + quote(raw.decode(), safe=" !$()*+,-./:;=?@[]^_`{|}~")
+        text = re.sub(r">[^<]*<", lambda words: words.group().replace('"', "&quot;"), raw.decode())
+        data = "," + quote(text.replace("'", "&#39;").replace('"', "'"), safe=" '!$()*+,-./:;=?@[]^_`{|}~")
     else:
         data = ";base64," + base64.b64encode(raw).decode()
     return f'<img src="data:{mime}{data}" alt="{html.escape(alt, quote=True)}">'

@@ -12,10 +12,10 @@ import re
 import sys
 
 import matplotlib as mpl
+import matplotlib.figure
 import matplotlib.pyplot as plt
 import numpy as np
 from cycler import cycler
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
 
 # Okabe and Ito's colours (2008), the pale ones darkened: each has a contrast of 3:1 or more on white.
@@ -31,7 +31,7 @@ PALETTE = {
 }
 _LINES = ["-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1))]
 CYCLE = [PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "ochre", "black")]
-FONTS = "'DejaVu Sans',Verdana,Geneva,sans-serif"
+FONTS = "DejaVu Sans,Verdana,Geneva,sans-serif"
 WIDTH, HEIGHT, DPI = 6.0, 3.6, 100
 
 STYLE = {
@@ -72,18 +72,17 @@ def use_style():
         set_matplotlib_formats("retina", bbox_inches=None)
 
 
-class _ShownOnce(Figure):
-    """A figure that, as the last value of a cell, leaves its display to the inline backend."""
+class Figure(mpl.figure.Figure):
+    """A figure that a notebook shows once, be it the last value of a cell, displayed, or left to the end of the cell."""
 
     def _ipython_display_(self):
-        waiting = plt.get_backend().lower().endswith("inline") and self in map(plt.figure, plt.get_fignums())
-        if not waiting:
-            raise NotImplementedError  # IPython then shows the figure in its usual way
+        plt.close(self)  # else the inline backend shows it again at the end of the cell
+        raise NotImplementedError  # IPython goes on in its usual way
 
 
 def new_figure(nrows=1, ncols=1, *, width=WIDTH, height=HEIGHT, **subplots):
     """Return (figure, axes) as ``plt.subplots`` does, in the book's size; width and height in inches."""
-    return plt.subplots(nrows, ncols, figsize=(width, height), FigureClass=_ShownOnce, **subplots)
+    return plt.subplots(nrows, ncols, figsize=(width, height), FigureClass=Figure, **subplots)
 
 
 def new_diagram(xlim, ylim, *, width=WIDTH, height=None):
@@ -114,11 +113,18 @@ def text_colour(background):
 def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None, vmax=None, fontsize=11):
     """Draw a matrix as coloured cells, each with its number; NaN is a grey wall without text.
 
+    Row i, column j is centred at x = j, y = i, first row on top.
     fmt: how a number is written, None for no text. labels: texts of the same shape, instead of the numbers.
     vmin, vmax: fix them where several pictures are compared. Returns the image (for a colour bar).
     """
     values = np.ma.masked_invalid(np.asarray(values, float))
-    image = ax.imshow(values, cmap=mpl.colormaps[cmap].with_extremes(bad="#9A9A9A"), vmin=vmin, vmax=vmax)
+    rows, columns = (np.arange(n + 1) - 0.5 for n in values.shape)
+    shades = mpl.colormaps[cmap].with_extremes(bad="#9A9A9A")
+    many = values.size > 900  # then one bitmap inside the SVG
+    lines = {} if many else {"edgecolors": "white", "linewidth": 1}
+    image = ax.pcolormesh(columns, rows, values, cmap=shades, vmin=vmin, vmax=vmax, rasterized=many, **lines)
+    ax.set(aspect="equal", xlim=columns[[0, -1]], ylim=rows[[-1, 0]])
+    ax.spines[:].set_visible(False)
     ax.grid(False)
     ax.set(xticks=[], yticks=[])
     for (i, j), value in np.ndenumerate(values):
@@ -164,7 +170,7 @@ def encode(fig, fmt="svg", *, dpi=150):
 
     The same figure gives the same bytes. fmt: "svg", or "png" for pictures with very many points.
     """
-    if not isinstance(fig, Figure):
+    if not isinstance(fig, mpl.figure.Figure):
         raise ValueError(f"draw returned {type(fig).__name__}; it must return a matplotlib Figure")
     out = io.BytesIO()
     if fmt == "svg":
@@ -187,14 +193,18 @@ def encode(fig, fmt="svg", *, dpi=150):
 def _small_svg(svg):
     """Drop comments, unused ids and digits beyond 1/100 point; name the fonts once, with fallbacks."""
     svg = " ".join(re.sub(r"<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.S).split())
-    svg = re.sub(r'<g id="[^"]*"', "<g", svg)
-    svg = svg.replace("font-family: 'DejaVu Sans';", "")
+    svg = re.sub(r'<g id="[^"]*"', "<g", svg).replace("> <", "><")
     svg = svg.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
-    return re.sub(r' (?:d|x|y|width|height|points|transform)="[^"]*"', _shorter, svg).replace("> <", "><")
+    return re.sub(r' (?:d|x|y|width|height|points|transform|style)="[^"]*"', _shorter, svg)
 
 
 def _shorter(attribute):
     text = attribute.group()
+    if text.startswith(" style="):
+        return re.sub(r"(?<=[;:]) |(; )?font-family: 'DejaVu Sans'", "", text).replace(";;", ";").replace('";', '"')
+    if text.startswith(' transform="rotate(-0 '):
+        return ""
     if "scale" in text or "matrix" in text:
         return text
-    return re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number.group()):.2f}".rstrip("0").rstrip("."), text)
+    text = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number.group()):.2f}".rstrip("0").rstrip("."), text)
+    return re.sub(r" ?\b([A-Zz])\b ?", r"\1", text) if text.startswith(" d=") else text
