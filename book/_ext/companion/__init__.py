@@ -1,0 +1,11 @@
+"""The Sphinx extension of this book: equation numbers, offline pages, accessibility, generated appendices."""
+
+from companion import accessible, api, equations, ledger, offline, repository
+
+PARTS = (equations, offline, accessible, repository, ledger, api)
+
+
+def setup(app):
+    for part in PARTS:
+        part.setup(app)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

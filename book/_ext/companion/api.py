@@ -1,0 +1,131 @@
+"""The API page, from the signatures and docstrings of rlcore itself."""
+
+import importlib
+import inspect
+import pkgutil
+import re
+
+from docutils import nodes
+from sphinx.util.docutils import SphinxDirective
+
+from companion import ledger, repository
+
+ORDER = "results mdp bellman dp planning td traces nn policies reinforce ppo trpo losses envs sweep explore plots".split()
+MENTION = re.compile(r"\b(?:eq|fig|tab|alg|ex|cl|om)-[a-z0-9-]*[a-z0-9]\b")
+
+
+def modules():
+    """Public modules of rlcore that are importable here, in reading order."""
+    package = importlib.import_module("rlcore")
+    names = [m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_")]
+    names.sort(key=lambda n: (ORDER.index(n) if n in ORDER else len(ORDER), n))
+    return [importlib.import_module(f"rlcore.{n}") for n in names]
+
+
+def public(module):
+    """What a module offers: its own functions and classes, and what a package gathers from its parts."""
+    for name, thing in vars(module).items():
+        home = getattr(thing, "__module__", "") or ""
+        own = home == module.__name__ or home.startswith(module.__name__ + ".") or home == f"rlcore._{name}"
+        if not name.startswith("_") and callable(thing) and own:
+            yield name, thing
+
+
+def members(cls):
+    """Public methods and properties that a class defines itself and documents."""
+    for name, thing in vars(cls).items():
+        inner = getattr(thing, "__func__", None) or getattr(thing, "fget", None) or getattr(thing, "func", None) or thing
+        if not name.startswith("_") and inspect.isfunction(inner) and inspect.getdoc(inner):
+            yield name, inner
+
+
+def signature(name, thing):
+    try:
+        text = str(inspect.signature(thing))
+    except (TypeError, ValueError):
+        text = "(...)"
+    text = re.sub(r"<(?:function|class|object)[^>]*>", "...", text).replace("'", "")
+    return name + re.sub(r"\b(?:numpy\.random\._generator|numpy|rlcore\.[a-z_]+)\.", "", text)
+
+
+class Api(SphinxDirective):
+    """Every public function and class: signature, docstring, links to the entries that it cites."""
+
+    def run(self):
+        self.ledger = ledger.rows(self.env.srcdir)
+        out = []
+        for module in modules():
+            section = nodes.section("", nodes.title("", module.__name__), ids=[module.__name__])
+            section += self.paragraphs(inspect.getdoc(module))
+            entries = nodes.definition_list(classes=["api"])
+            for name, thing in public(module):
+                entries += self.entry(f"{module.__name__}.{name}", name, thing)
+                if inspect.isclass(thing):
+                    for inner, method in members(thing):
+                        entries += self.entry(f"{module.__name__}.{name}.{inner}", f"{name}.{inner}", method)
+            if entries.children:
+                section += entries
+            out.append(section)
+        return out
+
+    def entry(self, identity, name, thing):
+        term = nodes.term("", "", nodes.literal("", signature(name, thing)), ids=[identity])
+        address = self.source(thing)
+        if address:
+            term += [nodes.Text(" "), ledger.link("source", address)]
+        own = thing.__dict__.get("__doc__") if inspect.isclass(thing) else inspect.getdoc(thing)
+        text = inspect.cleandoc(own) if own else ""
+        return nodes.definition_list_item("", term, nodes.definition("", *self.paragraphs(text)))
+
+    def source(self, thing):
+        inner = inspect.unwrap(thing)
+        try:
+            path, line = inspect.getsourcefile(inner), inspect.getsourcelines(inner)[1]
+        except (OSError, TypeError):
+            return None
+        return repository.source_link("rlcore/" + path.rpartition("rlcore/")[2], line)
+
+    def paragraphs(self, text):
+        """Docstring blocks: prose as paragraphs, anything indented or shaped like a list of arguments line by line."""
+        out = []
+        for block in re.split(r"\n\s*\n", text or ""):
+            lines = block.strip("\n").splitlines()
+            if not lines or not lines[0].strip():
+                continue
+            if all(line.startswith("    ") or line.startswith(">>>") for line in lines):
+                out.append(nodes.literal_block("", inspect.cleandoc(block), language="python"))
+                continue
+            group = nodes.line_block(classes=["doc"])
+            for line in self.joined(lines):
+                group += nodes.line("", "", *self.inline(line))
+            out.append(group)
+        return out
+
+    def joined(self, lines):
+        """Wrapped prose joined again; a line that names an argument, or Raises and Source, starts a new one."""
+        out = []
+        for line in lines:
+            if out and not re.match(r"(?:[\w, *`]+:|Returns\b|Raises\b|Source\b|- )", line.strip()):
+                out[-1] += " " + line.strip()
+            else:
+                out.append(line.strip())
+        return out
+
+    def inline(self, text):
+        """Text with the cited entries as links, and `code` as code."""
+        out, at = [], 0
+        for found in re.finditer(MENTION.pattern + r"|`+[^`]+`+", text):
+            out.append(nodes.Text(text[at : found.start()]))
+            word, at = found.group(), found.end()
+            row = self.ledger.get(word)
+            if word.startswith("`"):
+                out.append(nodes.literal("", word.strip("`")))
+            elif row and ledger.is_done(row):
+                out.append(ledger.page_link(word, row["page"]))
+            else:
+                out.append(nodes.Text(word))
+        return [*out, nodes.Text(text[at:])]
+
+
+def setup(app):
+    app.add_directive("api", Api)

@@ -1,0 +1,42 @@
+"""Equations carry their document numbers: a block labelled eq-7 shows (7), has the HTML id eq-7, and is referred to as (7).
+
+The number is the ledger's where the ledger has one, else the digits of a label such as eq-7. Any other label keeps
+Sphinx's own number.
+"""
+
+import re
+
+from docutils import nodes
+
+from companion.ledger import rows
+
+
+def document_number(app, label):
+    """The number that the document prints at this label, or None."""
+    row = rows(app.srcdir).get(label, {})
+    if row.get("number"):
+        return str(row["number"])
+    found = re.fullmatch(r"eq-(\d+)", label or "")
+    return found.group(1) if found else None
+
+
+def add_ids(app, doctree):
+    for block in doctree.findall(nodes.math_block):
+        label = block.get("label")
+        if label and label not in block["ids"]:
+            block["ids"].append(label)  # after Sphinx's own id, which its numbering looks up first
+
+
+def renumber(app, env):
+    """Replace Sphinx's numbers once they are assigned; pages and {eq} references read them from here."""
+    for label, (docname, _) in env.get_domain("math").equations.items():
+        number = document_number(app, label)
+        if number:
+            figures = env.toc_fignumbers.setdefault(docname, {}).setdefault("displaymath", {})
+            figures[nodes.make_id(f"equation-{label}")] = (number,)
+    return []
+
+
+def setup(app):
+    app.connect("doctree-read", add_ids)
+    app.connect("env-get-updated", renumber, priority=900)

@@ -1,0 +1,236 @@
+"""The ledger, read once, and the appendices made from it: concordance, claims, errata, status."""
+
+import functools
+import json
+import re
+from importlib import metadata
+from pathlib import Path
+
+import yaml
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.util.docutils import SphinxDirective
+
+from companion import repository
+
+CHAPTERS = {
+    1: "Finite Markov decision processes",
+    2: "Bellman equations",
+    3: "Dynamic programming",
+    4: "Temporal-difference learning",
+    5: "Eligibility traces",
+    6: "Neural networks",
+    7: "Policy gradients",
+    8: "Proximal policy optimisation",
+}
+VERDICTS = {"true": "true", "false": "false", "true-with-conditions": "conditions"}
+
+
+@functools.cache
+def _load(path, changed):
+    return yaml.safe_load(Path(path).read_text(encoding="utf-8")) or []
+
+
+def load(srcdir, name):
+    """The rows of book/NAME, read again only when the file changes."""
+    path = Path(srcdir, "book", name)
+    return _load(str(path), path.stat().st_mtime_ns) if path.exists() else []
+
+
+def rows(srcdir):
+    """The ledger's rows by id."""
+    return {row["id"]: row for row in load(srcdir, "concordance.yml")}
+
+
+def is_done(row):
+    return row.get("status") != "missing"
+
+
+def link(text, address, **attributes):
+    inside = text if isinstance(text, nodes.Node) else nodes.Text(text)
+    return nodes.reference("", "", inside, refuri=address, internal=True, **attributes)
+
+
+def page_link(text, place):
+    page, _, anchor = place.partition("#")
+    return link(text, f"{page}.html#{anchor}")
+
+
+def commas(items):
+    """The nodes, separated by line breaks that a narrow cell can take."""
+    spaced = []
+    for item in items:
+        spaced += [item, nodes.Text(" ")]
+    return spaced[:-1]
+
+
+def table(head, body, classes=()):
+    """A table from lists of cells, each a list of inline nodes."""
+    group = nodes.tgroup(cols=len(head))
+    group += [nodes.colspec(colwidth=1) for _ in head]
+
+    def line(cells):
+        row = nodes.row()
+        for cell in cells:
+            row += nodes.entry("", nodes.paragraph("", "", *cell))
+        return row
+
+    group += nodes.thead("", line([[nodes.Text(text)] for text in head]))
+    group += nodes.tbody("", *[line(cells) for cells in body])
+    return nodes.table("", group, classes=[*classes, "colwidths-auto"])
+
+
+def check_node(check):
+    """A test or a tagged cell: its name, linked to the file where the repository is known."""
+    path, _, name = check.partition("::" if "::" in check else "#")
+    short = nodes.literal("", name or path)
+    if path.endswith(".ipynb"):
+        return link(short, Path(path).stem + ".html")
+    address = repository.source_link(path)
+    return link(short, address) if address else nodes.literal("", f"{Path(path).name}::{name}")
+
+
+class Ledger(SphinxDirective):
+    """One table a chapter: id, place, code, check. What is missing is said to be missing."""
+
+    def run(self):
+        out = []
+        ledger = rows(self.env.srcdir).values()
+        for chapter, title in CHAPTERS.items():
+            mine = [row for row in ledger if row["chapter"] == chapter]
+            done = [row for row in mine if is_done(row)]
+            section = nodes.section("", nodes.title("", f"Chapter {chapter}: {title}"), ids=[f"ledger-{chapter}"])
+            section += nodes.paragraph("", f"{len(done)} of {len(mine)} entries are written and checked.")
+            if done:
+                body = [
+                    [
+                        [page_link(row["id"], row["page"])],
+                        commas([link(nodes.literal("", c), f"appendix_api.html#{c}") for c in row["code"]]),
+                        commas([check_node(c) for c in row["check"]]),
+                    ]
+                    for row in done
+                ]
+                section += table(["Entry", "Code", "Checked by"], body, ["ledger"])
+            missing = [row["id"] for row in mine if not is_done(row)]
+            if missing:
+                section += nodes.paragraph("", "", nodes.strong("", "Missing: "), nodes.Text(", ".join(missing) + "."))
+            out.append(section)
+        return out
+
+
+@functools.cache
+def _cells(path, changed):
+    return json.loads(Path(path).read_text(encoding="utf-8"))["cells"]
+
+
+def paragraph_at(srcdir, place):
+    """The Markdown paragraph that holds an anchor, without HTML tags; empty where there is none."""
+    page, _, anchor = place.partition("#")
+    path = Path(srcdir, "book", page + ".ipynb")
+    if not path.exists():
+        return ""
+    for cell in _cells(str(path), path.stat().st_mtime_ns):
+        text = "".join(cell["source"])
+        if cell["cell_type"] == "markdown" and f'id="{anchor}"' in text:
+            for paragraph in re.split(r"\n\s*\n", text):
+                if f'id="{anchor}"' in paragraph:
+                    return re.sub(r"<[^>]+>", "", paragraph.split(f'id="{anchor}"')[1].partition(">")[2]).strip()
+    return ""
+
+
+def first_sentence(text):
+    """Up to the first full stop outside mathematics and code."""
+    inside = None
+    for i, letter in enumerate(text):
+        if letter in "$`":
+            inside = None if inside == letter else inside or letter
+        elif letter in ".!?" and inside is None and (i + 1 == len(text) or text[i + 1].isspace()):
+            return text[: i + 1]
+    return text
+
+
+class Claims(SphinxDirective):
+    """Every claim with its verdict, in the book's own words, linked to its evidence."""
+
+    def run(self):
+        out = []
+        claims = [row for row in rows(self.env.srcdir).values() if row["kind"] == "claim"]
+        for chapter, title in CHAPTERS.items():
+            mine = [row for row in claims if row["chapter"] == chapter]
+            done = [row for row in mine if is_done(row)]
+            section = nodes.section("", nodes.title("", f"Chapter {chapter}: {title}"), ids=[f"claims-{chapter}"])
+            if done:
+                section += table(["Claim", "Verdict", "What the page says"], [self.line(row) for row in done], ["claims"])
+            if len(done) < len(mine):
+                section += nodes.paragraph("", f"{len(mine) - len(done)} claims are not looked at yet.")
+            out.append(section)
+        return out
+
+    def line(self, row):
+        verdict = VERDICTS[str(row["verdict"])]
+        words = {"conditions": "on conditions"}.get(verdict, verdict)
+        text = nodes.container()
+        lines = first_sentence(paragraph_at(self.env.srcdir, row["page"])).splitlines()
+        self.state.nested_parse(StringList(lines, "claim"), 0, text)
+        inline = text.children[0].children if text.children and isinstance(text.children[0], nodes.paragraph) else []
+        return [
+            [page_link(row["id"], row["page"])],
+            [nodes.inline("", words, classes=["verdict", verdict])],
+            [child.deepcopy() for child in inline],
+        ]
+
+
+class Errata(SphinxDirective):
+    """What is wrong in the document, by number, and where the book has it right. Rows of book/errata.yml."""
+
+    def run(self):
+        out = []
+        items = load(self.env.srcdir, "errata.yml")
+        for part in dict.fromkeys(item["part"] for item in items):
+            mine = [item for item in items if item["part"] == part]
+            ids = [nodes.make_id(f"errata-{part}")]
+            section = nodes.section("", nodes.title("", part), ids=ids)
+            body = []
+            for item in mine:
+                number = nodes.inline("", str(item["n"]), ids=[f"err-{item['n']}"])
+                text = nodes.container()
+                self.state.nested_parse(StringList(item["right"].splitlines(), "errata"), 0, text)
+                place = [page_link("here", item["page"])] if item.get("page") else [nodes.Text("-")]
+                body.append([[number], [c.deepcopy() for c in text.children[0].children], place])
+            section += table(["No.", "What is right", "In the book"], body, ["errata"])
+            out.append(section)
+        return out
+
+
+class Status(SphinxDirective):
+    """What the stored outputs were made with, and how long each notebook took then."""
+
+    PACKAGES = ("numpy", "scipy", "numba", "matplotlib", "gymnasium", "jupyter-book", "sphinx", "myst-nb")
+
+    def run(self):
+        times = load(self.env.srcdir, "data/run_times.yml") or {}
+        body = []
+        for path in sorted(Path(self.env.srcdir, "book").glob("0*.ipynb")):
+            cells = [c for c in _cells(str(path), path.stat().st_mtime_ns) if c["cell_type"] == "code"]
+            seconds = times.get("seconds", {}).get(path.stem)
+            said = f"{seconds} s" if seconds is not None else "not measured"
+            name = link(nodes.literal("", path.name), path.stem + ".html")
+            body.append([[name], [nodes.Text(str(len(cells)))], [nodes.Text(said)]])
+        here = table(["Notebook", "Code cells", "Run time, two cores"], body, ["status"])
+        stored = times.get("versions", {})
+        lines = [
+            [[nodes.Text(name)], [nodes.Text(stored.get(name, "-"))], [nodes.Text(metadata.version(name))]]
+            for name in self.PACKAGES
+        ]
+        return [here, table(["Package", "Outputs made with", "Pages built with"], lines, ["status"])]
+
+
+def setup(app):
+    for name, directive in {"ledger": Ledger, "claims": Claims, "errata": Errata, "status": Status}.items():
+        app.add_directive(name, directive)
+    app.connect("env-before-read-docs", reread)
+
+
+def reread(app, env, docnames):
+    """The appendices follow the ledger and the notebooks, so they are read again in every build."""
+    docnames += [d for d in env.found_docs if "appendix_" in d and d not in docnames]
