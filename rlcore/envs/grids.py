@@ -4,9 +4,12 @@ import numpy as np
 
 from rlcore.mdp import FiniteMDP, check_count
 
-__all__ = ["gridworld"]
+__all__ = ["blocking_maze", "cliff_walking", "dyna_maze", "gridworld", "maze", "two_goal_maze", "windy_gridworld"]
 
 MOVES = {"up": (-1, 0), "down": (1, 0), "right": (0, 1), "left": (0, -1)}
+KING = MOVES | {"up-right": (-1, 1), "up-left": (-1, -1), "down-right": (1, 1), "down-left": (1, -1)}
+DYNA_WALLS = ((1, 2), (2, 2), (3, 2), (4, 5), (0, 7), (1, 7), (2, 7))
+WIND = (0, 0, 0, 1, 1, 1, 2, 2, 1, 0)
 
 
 def gridworld(n_rows=4, n_cols=4, *, terminals=None, reward=-1.0, slip=0.0):
@@ -37,3 +40,103 @@ def gridworld(n_rows=4, n_cols=4, *, terminals=None, reward=-1.0, slip=0.0):
     rewards = np.where(terminal[:, None, None], 0.0, np.full(prob.shape, reward))
     start = ~terminal / np.sum(~terminal)
     return FiniteMDP(next_state, prob, rewards, np.ones((S, A), bool), terminal, start, None, tuple(MOVES))
+
+
+def maze(n_rows, n_cols, *, walls=(), start, goals):
+    """A grid with walls: four moves, one that hits a wall or the edge stays; reaching a goal pays and ends the episode.
+
+    walls: cells (row, column) that cannot be entered; they stay in the numbering as states that nothing reaches.
+    start: a cell. goals: {cell: reward}. Every other step pays 0, so that discounting alone makes short paths good.
+    """
+    n_rows, n_cols = check_count("n_rows", n_rows), check_count("n_cols", n_cols)
+    walls = {_cell("walls", cell, n_rows, n_cols) for cell in walls}
+    goals = {_cell("goals", cell, n_rows, n_cols): float(reward) for cell, reward in goals.items()}
+    start = _cell("start", start, n_rows, n_cols)
+    if not goals:
+        raise ValueError("goals: got none, must name at least one cell and its reward")
+    for name, cells in (("start", {start} & (walls | goals.keys())), ("goals", goals.keys() & walls)):
+        if cells:
+            raise ValueError(f"{name}: cell {divmod(min(cells), n_cols)} is taken, must be free of walls and goals")
+    outcomes = {}
+    for s in range(n_rows * n_cols):
+        for a, move in enumerate(MOVES.values()):
+            s_next = _moved(s, move, n_rows, n_cols)
+            s_next = s if s in walls or s_next in walls else s_next
+            if s not in goals:
+                outcomes[s, a] = [(1.0, s_next, goals.get(s_next, 0.0))]
+    return FiniteMDP.from_outcomes(
+        outcomes, n_states=n_rows * n_cols, n_actions=len(MOVES), start=start, action_names=tuple(MOVES)
+    )
+
+
+def dyna_maze(*, goal=(0, 8), walls=DYNA_WALLS):
+    """The 6 x 9 maze: start (2, 0), goal (0, 8) with reward 1, seven walls, 14 steps at best. fig-12, ex-model-based
+
+    goal, walls: move them to ask what a learned model is still good for. ex-model-transfer
+    Source: Sutton and Barto (2018), figure 8.2.
+    """
+    return maze(6, 9, walls=walls, start=(2, 0), goals={goal: 1.0})
+
+
+def blocking_maze(*, gap="right"):
+    """A 6 x 9 maze whose one passage is at the right end of the wall, or at the left end; start (5, 3). ex-model-wrong
+
+    gap: "right" (10 steps to the goal) or "left" (16 steps). The experiment closes the right end and opens the left.
+    Source: Sutton and Barto (2018), figure 8.4.
+    """
+    if gap not in ("right", "left"):
+        raise ValueError(f'gap: got {gap!r}, must be "right" or "left"')
+    columns = range(8) if gap == "right" else range(1, 9)
+    return maze(6, 9, walls=[(3, col) for col in columns], start=(5, 3), goals={(0, 8): 1.0})
+
+
+def two_goal_maze(*, near=0.2, far=1.0):
+    """A 5 x 7 room with a small reward 2 steps from the start and a large one 9 steps away. ex-explore
+
+    near, far: the two rewards. At gamma = 0.95 the start is worth 1.0 * 0.95^8 = 0.66 or 0.2 * 0.95 = 0.19 by them.
+    """
+    return maze(5, 7, walls=[(1, 3), (2, 3), (3, 3)], start=(2, 1), goals={(4, 1): near, (2, 6): far})
+
+
+def cliff_walking():
+    """4 x 12 cells; every step costs 1, the cliff between start 36 and goal 47 costs 100 and leads back to the start.
+
+    A fall does not end the episode. fig-22, ex-cliff. Source: Sutton and Barto (2018), example 6.6.
+    """
+    n_rows, n_cols, start, goal = 4, 12, 36, 47
+    cliff = range(start + 1, goal)
+    outcomes = {}
+    for s in range(n_rows * n_cols - 1):
+        for a, move in enumerate(MOVES.values()):
+            s_next = _moved(s, move, n_rows, n_cols)
+            outcomes[s, a] = [(1.0, start, -100.0) if s_next in cliff else (1.0, s_next, -1.0)]
+    return FiniteMDP.from_outcomes(outcomes, start=start, action_names=tuple(MOVES))
+
+
+def windy_gridworld(*, king=False, stay=False):
+    """7 x 10 cells; the wind of the column left pushes up by 0, 1 or 2 cells; -1 a step, start (3, 0), goal (3, 7).
+
+    king: eight moves instead of four (7 steps at best instead of 15). stay: also a ninth action, which does not move.
+    Source: Sutton and Barto (2018), example 6.5 and exercise 6.9.
+    """
+    n_rows, n_cols, goal = 7, 10, 37
+    moves = (KING if king else MOVES) | ({"stay": (0, 0)} if stay else {})
+    outcomes = {}
+    for s in range(n_rows * n_cols):
+        for a, (dr, dc) in enumerate(moves.values()):
+            if s != goal:
+                outcomes[s, a] = [(1.0, _moved(s, (dr - WIND[s % n_cols], dc), n_rows, n_cols), -1.0)]
+    return FiniteMDP.from_outcomes(outcomes, n_actions=len(moves), start=30, action_names=tuple(moves))
+
+
+def _moved(s, move, n_rows, n_cols):
+    """Number of the cell that a move (rows, columns) leads to; the edge of the grid stops it."""
+    row, col = s // n_cols + move[0], s % n_cols + move[1]
+    return min(max(row, 0), n_rows - 1) * n_cols + min(max(col, 0), n_cols - 1)
+
+
+def _cell(name, cell, n_rows, n_cols):
+    row, col = cell
+    if not (0 <= row < n_rows and 0 <= col < n_cols):
+        raise ValueError(f"{name}: got cell {cell}, must be (row, column) inside {n_rows} x {n_cols}")
+    return int(row * n_cols + col)

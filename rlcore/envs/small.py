@@ -4,7 +4,7 @@ import numpy as np
 
 from rlcore.mdp import FiniteMDP, check_count
 
-__all__ = ["random_mdp", "random_walk"]
+__all__ = ["random_mdp", "random_walk", "short_corridor"]
 
 
 def random_walk(n, *, rewards=None, start=None):
@@ -27,10 +27,19 @@ def random_mdp(n_states, n_actions, *, n_next=None, concentration=0.3, rng):
     """
     S, A = check_count("n_states", n_states), check_count("n_actions", n_actions)
     K = S if n_next is None else check_count("n_next", n_next)
-    if n_next is None:
-        next_state = np.broadcast_to(np.arange(S), (S, A, S))
-    else:
-        next_state = rng.integers(S, size=(S, A, K))
+    next_state = np.broadcast_to(np.arange(S), (S, A, S)) if n_next is None else rng.integers(S, size=(S, A, K))
     prob = rng.dirichlet(np.full(K, concentration), size=(S, A))
     reward = rng.normal(size=(S, A, K))
     return FiniteMDP(next_state, prob, reward, np.ones((S, A), bool), np.zeros(S, bool), np.full(S, 1 / S))
+
+
+def short_corridor():
+    """States 0, 1, 2 in a row, then the end; actions left and right, which state 1 confuses; every step costs 1.
+
+    With every state looking the same, the best policy goes right with probability 2 - sqrt(2) and is worth -11.66.
+    Source: Sutton and Barto (2018), example 13.1.
+    """
+    left, right = 0, 1
+    moves = {(0, left): 0, (0, right): 1, (1, left): 2, (1, right): 0, (2, left): 1, (2, right): 3}
+    outcomes = {pair: [(1.0, s_next, -1.0)] for pair, s_next in moves.items()}
+    return FiniteMDP.from_outcomes(outcomes, start=0, action_names=("left", "right"))
