@@ -2,10 +2,19 @@
 
 import itertools
 from functools import cache
+from numbers import Real
 
 import numpy as np
 
-from rlcore.mdp import check_count, check_gamma, check_policy, check_values, deterministic_policy
+from rlcore.mdp import (
+    as_floats,
+    check_count,
+    check_gamma,
+    check_mdp,
+    check_policy,
+    check_values,
+    deterministic_policy,
+)
 
 
 def q_from_v(mdp, V, gamma):
@@ -23,9 +32,11 @@ def v_from_q(Q, pi):
 
     Q, pi: (S, A). An action of probability 0 counts 0 even where Q is -inf.
     """
-    Q, pi = np.asarray(Q, float), np.asarray(pi, float)
-    if Q.shape != pi.shape or Q.ndim != 2:
-        raise ValueError(f"Q: got shape {Q.shape}, must be that of pi, {pi.shape}")
+    Q, pi = _rows(Q), as_floats("pi", pi)
+    if Q.shape != pi.shape:
+        raise ValueError(f"pi: got shape {pi.shape}, must be that of Q, {Q.shape}")
+    if not (pi >= 0).all():
+        raise ValueError(f"pi: contains {pi[~(pi >= 0)][0]:g}, must be probabilities")
     return np.where(pi > 0, pi * np.where(pi > 0, Q, 0.0), 0.0).sum(axis=1)
 
 
@@ -54,8 +65,8 @@ def optimality_backup_q(mdp, Q, gamma):
 
 def check_q(mdp, Q):
     """Q as (S, A) floats with -inf at actions that are not legal; ValueError for another shape or NaN."""
-    Q = np.asarray(Q, float)
-    if Q.shape != mdp.legal.shape:
+    Q = as_floats("Q", Q)
+    if Q.shape != check_mdp(mdp).legal.shape:
         raise ValueError(f"Q: got shape {Q.shape}, must be {mdp.legal.shape}")
     if np.isnan(Q).any():
         raise ValueError("Q: contains NaN, must be numbers")
@@ -71,12 +82,14 @@ def greedy(Q):
 def greedy_actions(Q, tol=1e-9):
     """Every maximising action: (S, A) bool, Q(s, a) >= max - tol * (1 + |max|). cl-013"""
     Q = _rows(Q)
+    if not isinstance(tol, Real) or not 0 <= tol < np.inf:
+        raise ValueError(f"tol: got {tol!r}, must be a number of at least 0")
     best = Q.max(axis=1, keepdims=True)
-    return Q >= best - tol * (1 + np.abs(best))
+    return best - tol * (1 + np.abs(best)) <= Q
 
 
 def _rows(Q):
-    Q = np.asarray(Q, float)
+    Q = as_floats("Q", Q)
     if Q.ndim != 2 or Q.shape[1] == 0 or np.isnan(Q).any():
         raise ValueError(f"Q: got shape {Q.shape}{' with NaN' if np.isnan(Q).any() else ''}, must be (S, A) numbers")
     return Q
@@ -171,7 +184,7 @@ def heuristic_search(mdp, s, depth, gamma, *, V0=0.0):
 
     -inf where a is not in A(s). The error is at most gamma^depth times that of V0. alg-heuristic-search
     """
-    s, depth = mdp._index("s", s, mdp.n_states), check_count("depth", depth)
+    s, depth = check_mdp(mdp)._index("s", s, mdp.n_states), check_count("depth", depth)
     V, gamma = check_values(mdp, V0, "V0"), check_gamma(gamma)
 
     @cache

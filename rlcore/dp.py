@@ -1,5 +1,7 @@
 """Dynamic programming: planning with a known model (chapter 3)."""
 
+from numbers import Real
+
 import numpy as np
 
 from rlcore.bellman import (
@@ -27,8 +29,8 @@ def policy_evaluation(mdp, pi, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_i
     """
     pi, gamma = check_policy(mdp, pi), check_gamma(gamma)
     tol, max_iter = _check_tol(tol), check_count("max_iter", max_iter)
-    _require_end(mdp, pi, gamma)
-    V = check_values(mdp, V0, "V0")
+    _require_end(mdp, pi, gamma, "pi: never terminates")
+    V = _finite_values(mdp, V0, "V0")
     history, delta = [V], np.inf
     while delta >= tol and len(history) <= max_iter:
         V_new = V.copy()
@@ -101,8 +103,8 @@ def value_iteration(mdp, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=10
     some state. Source: Bellman (1957); Puterman (1994), section 6.3.
     """
     gamma, tol, max_iter = check_gamma(gamma), _check_tol(tol), check_count("max_iter", max_iter)
-    _require_end(mdp, uniform_policy(mdp), gamma)
-    V = check_values(mdp, V0, "V0")
+    _require_end(mdp, uniform_policy(mdp), gamma, "gamma: got 1, but no policy terminates")
+    V = _finite_values(mdp, V0, "V0")
     history, delta = [V], np.inf
     while delta >= tol and len(history) <= max_iter:
         V_new = V.copy()
@@ -139,18 +141,25 @@ def _model(mdp):
 
 
 def _check_tol(tol):
-    if not (np.isfinite(tol) and tol > 0):
+    if not isinstance(tol, Real) or not 0 < tol < np.inf:
         raise ValueError(f"tol: got {tol!r}, must be a positive number")
     return float(tol)
 
 
-def _require_end(mdp, pi, gamma):
-    """ValueError at gamma = 1 unless pi reaches a terminal state from everywhere; the uniform policy does where any does."""
+def _finite_values(mdp, V, name="V"):
+    V = check_values(mdp, V, name)
+    if not np.isfinite(V).all():
+        raise ValueError(f"{name}: contains {V[~np.isfinite(V)][0]:g}, must be finite")
+    return V
+
+
+def _require_end(mdp, pi, gamma, fault):
+    """ValueError at gamma = 1 unless pi reaches a terminal state from everywhere; uniform pi does where any does."""
     if gamma == 1:
         ends = _reaches(policy_matrix(mdp, pi)[0], mdp.terminal)
         if not ends.all():
             s = np.flatnonzero(~ends)[0]
-            raise ValueError(f"pi: never terminates from state {s}, must reach a terminal state when gamma = 1")
+            raise ValueError(f"{fault} from state {s}, must reach a terminal state when gamma = 1")
 
 
 # ---------------------------------------------------------------------- certified error bounds
@@ -162,6 +171,7 @@ def policy_error_bound(mdp, pi, V, gamma):
     The horizon is 1 / (1 - gamma), or at gamma = 1 the largest expected number of steps to a terminal state under pi.
     V: (S,). Source: Puterman (1994), theorem 6.3.1; Bertsekas (2012), section 3.2.
     """
+    V = _finite_values(mdp, V)
     residual = np.abs(expectation_backup(mdp, pi, V, gamma) - V)[~mdp.terminal].max() + _rounding(mdp, V)
     if gamma < 1:
         return float(residual / (1 - gamma))
@@ -177,6 +187,7 @@ def error_bound(mdp, V, gamma):
     the greedy policy and V plus the residual times the number of steps that an optimal policy can afford.
     V: (S,). Source: Puterman (1994), theorem 6.3.1; Bertsekas and Tsitsiklis (1991).
     """
+    V = _finite_values(mdp, V)
     change, rounding = (optimality_backup(mdp, V, gamma) - V)[~mdp.terminal], _rounding(mdp, V)
     if gamma < 1:
         return float((np.abs(change).max() + rounding) / (1 - gamma))

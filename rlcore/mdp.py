@@ -2,6 +2,7 @@
 
 from collections import namedtuple
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -14,10 +15,10 @@ Sampler = namedtuple("Sampler", "next_state reward cdf terminal start_cdf")
 class FiniteMDP:
     """The four-argument dynamics p(s', r | s, a), one padded row of outcomes for each pair. eq-1, alg-model-marginals.
 
-    next_state: (S, A, K) int32, prob: (S, A, K), reward: (S, A, K); outcome k of (s, a) is (s', r) with its probability;
-    outcomes of probability 0 are padding. legal: (S, A), whether a is in A(s). terminal: (S,); a terminal state returns
-    to itself with reward 0 under every action. start: (S,), distribution of S_0. Arrays are read-only after construction.
-    Raises ValueError naming the array, state and action at fault.
+    next_state: (S, A, K) int32, prob: (S, A, K), reward: (S, A, K); outcome k of (s, a) is (s', r) with its
+    probability; outcomes of probability 0 are padding. legal: (S, A), whether a is in A(s). terminal: (S,); a terminal
+    state returns to itself with reward 0 under every action. start: (S,), distribution of S_0. Arrays are read-only
+    after construction. Raises ValueError naming the array, state and action at fault.
     Source: Sutton and Barto (2018), section 3.1.
     """
 
@@ -33,15 +34,16 @@ class FiniteMDP:
     def __post_init__(self):
         dtypes = dict(next_state=np.int32, prob=float, reward=float, legal=bool, terminal=bool, start=float)
         for name, dtype in dtypes.items():
-            array = np.ascontiguousarray(
-                _as_integers(getattr(self, name)) if dtype is np.int32 else getattr(self, name), dtype
-            )
-            view = array.view()
+            values = getattr(self, name)
+            values = as_integers(name, values) if dtype is np.int32 else as_floats(name, values)
+            if dtype is bool and ((values != 0) & (values != 1)).any():
+                raise ValueError(f"{name}: got {values!r}, must be True or False")
+            view = np.ascontiguousarray(values, dtype).view()
             view.flags.writeable = False
             object.__setattr__(self, name, view)
         for name in ("state_names", "action_names"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, tuple(getattr(self, name)))
+                object.__setattr__(self, name, _names(name, getattr(self, name)))
         self.validate()
 
     @property
@@ -73,11 +75,13 @@ class FiniteMDP:
         start: a state or a distribution (S,); the default is uniform over the states that are not terminal.
         Outcomes with the same (s_next, reward) are merged. Pairs that are absent are not in A(s).
         """
-        if not outcomes:
-            raise ValueError("outcomes: got an empty table, needs at least one (s, a)")
+        if not isinstance(outcomes, dict) or not outcomes:
+            raise ValueError(f"outcomes: got {outcomes!r}, must be a table with at least one (s, a)")
         merged = {_pair(key): _merge(key, rows) for key, rows in outcomes.items()}
-        S = n_states or 1 + max(max(s for s, _ in merged), max(s for row in merged.values() for s, _ in row))
-        A = n_actions or 1 + max(a for _, a in merged)
+        S = 1 + max(max(s for s, _ in merged), max(s for row in merged.values() for s, _ in row))
+        A = 1 + max(a for _, a in merged)
+        S = S if n_states is None else check_count("n_states", n_states)
+        A = A if n_actions is None else check_count("n_actions", n_actions)
         K = max(len(row) for row in merged.values())
         next_state = np.repeat(np.arange(S), A * K).reshape(S, A, K)
         prob, reward, legal = np.zeros((S, A, K)), np.zeros((S, A, K)), np.zeros((S, A), bool)
@@ -98,15 +102,16 @@ class FiniteMDP:
 
         A row of zeros in P means that the action is not in A(s). terminal: (S,) bool, default none.
         """
-        P, R = np.asarray(P, float), np.asarray(R, float)
+        P, R = as_floats("P", P), as_floats("R", R)
         if P.ndim != 3 or P.shape[0] != P.shape[2] or 0 in P.shape:
             raise ValueError(f"P: got shape {P.shape}, must be (S, A, S)")
         if R.shape not in (P.shape, P.shape[:2]):
             raise ValueError(f"R: got shape {R.shape}, must be {P.shape[:2]} or {P.shape}")
         if not (np.isfinite(P).all() and (P >= 0).all()):
-            raise ValueError("P: has an entry that is negative or not finite, must be probabilities")
+            bad = P[~(np.isfinite(P) & (P >= 0))][0]
+            raise ValueError(f"P: contains {bad:g}, must be probabilities")
         R = np.broadcast_to(R if R.ndim == 3 else R[:, :, None], P.shape)
-        terminal = np.zeros(len(P), bool) if terminal is None else np.asarray(terminal, bool)
+        terminal = np.zeros(len(P), bool) if terminal is None else as_floats("terminal", terminal).astype(bool)
         if terminal.shape != (len(P),):
             raise ValueError(f"terminal: got shape {terminal.shape}, must be ({len(P)},)")
         K = max(1, int((P > 0).sum(axis=2).max()))
@@ -236,16 +241,34 @@ class FiniteMDP:
 
     @staticmethod
     def _index(name, value, size):
-        if not 0 <= value < size or int(value) != value:
+        if not isinstance(value, Real) or not 0 <= value < size or int(value) != value:
             raise ValueError(f"{name}: got {value!r}, must be an integer in 0..{size - 1}")
         return int(value)
 
 
-def _as_integers(values):
-    array = np.asarray(values)
+def as_floats(name, values):
+    """values as a float array; ValueError where they are not numbers."""
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: got {values!r}, must be numbers") from None
+
+
+def as_integers(name, values):
+    """values as an array of integers; ValueError where they are not."""
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise ValueError(f"{name}: got {values!r}, must be integers") from None
     if array.dtype.kind not in "iu":
-        raise ValueError(f"next_state: got dtype {array.dtype}, must be integers")
+        raise ValueError(f"{name}: got dtype {array.dtype}, must be integers")
     return array
+
+
+def _names(name, values):
+    if isinstance(values, str) or not hasattr(values, "__iter__"):
+        raise ValueError(f"{name}: got {values!r}, must be a sequence of names")
+    return tuple(values)
 
 
 def _check_shapes(mdp):
@@ -274,9 +297,14 @@ def _pair(key):
 
 def _merge(key, rows):
     merged = {}
-    for p, s_next, r in rows:
+    for row in rows if hasattr(rows, "__iter__") else [rows]:
+        if not (isinstance(row, (tuple, list)) and len(row) == 3 and all(isinstance(x, Real) for x in row)):
+            raise ValueError(f"outcomes: got {row!r} at {key}, must be (probability, s_next, reward)")
+        p, s_next, r = row
         if not isinstance(s_next, (int, np.integer)) or s_next < 0:
             raise ValueError(f"outcomes: got s_next = {s_next!r} at {key}, must be an integer that is at least 0")
+        if p < 0:
+            raise ValueError(f"outcomes: got probability {p!r} at {key}, must be at least 0")
         merged[int(s_next), float(r)] = merged.get((int(s_next), float(r)), 0.0) + float(p)
     if not merged:
         raise ValueError(f"outcomes: no outcome at {key}, needs at least one; leave the pair out if it is not in A(s)")
@@ -317,26 +345,43 @@ def _reachable(mdp):
 
 def uniform_policy(mdp):
     """The equiprobable policy over A(s), (S, A)."""
+    check_mdp(mdp)
     return mdp.legal / mdp.legal.sum(axis=1, keepdims=True)
 
 
 def deterministic_policy(mdp, actions):
     """pi (S, A) that takes actions[s] in state s; actions: (S,) integers, each in A(s)."""
-    actions = np.asarray(actions)
-    if actions.shape != (mdp.n_states,) or actions.dtype.kind not in "iu":
-        raise ValueError(f"actions: got {actions.dtype} of shape {actions.shape}, must be ({mdp.n_states},) integers")
+    check_mdp(mdp)
+    actions = as_integers("actions", actions)
+    if actions.shape != (mdp.n_states,):
+        raise ValueError(f"actions: got shape {actions.shape}, must be ({mdp.n_states},)")
     if ((actions < 0) | (actions >= mdp.n_actions)).any():
         raise ValueError(f"actions: got {actions.min()}..{actions.max()}, must be in 0..{mdp.n_actions - 1}")
     return check_policy(mdp, np.eye(mdp.n_actions)[actions])
 
 
+def check_mdp(mdp):
+    """mdp; ValueError unless it is a FiniteMDP."""
+    if not isinstance(mdp, FiniteMDP):
+        raise ValueError(f"mdp: got {type(mdp).__name__}, must be a FiniteMDP; from_env reads gymnasium's tables")
+    return mdp
+
+
+def check_rng(rng):
+    """rng; ValueError unless it is a numpy.random.Generator."""
+    if not isinstance(rng, np.random.Generator):
+        raise ValueError(f"rng: got {rng!r}, must be a numpy.random.Generator such as numpy.random.default_rng(0)")
+    return rng
+
+
 def check_policy(mdp, pi):
     """pi as a float array; ValueError unless it is (S, A) with rows that are distributions over A(s)."""
-    pi = np.asarray(pi, float)
-    if pi.shape != mdp.legal.shape:
+    pi = as_floats("pi", pi)
+    if pi.shape != check_mdp(mdp).legal.shape:
         raise ValueError(f"pi: got shape {pi.shape}, must be {mdp.legal.shape}")
-    if not (np.isfinite(pi).all() and (pi >= 0).all() and np.allclose(pi.sum(axis=1), 1, rtol=0, atol=1e-9)):
-        s = np.flatnonzero(~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= 1e-9)))[0]
+    bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= 1e-9))
+    if bad.any():
+        s = np.flatnonzero(bad)[0]
         raise ValueError(f"pi: row {s} is {pi[s]}, must be probabilities that sum to 1")
     if (pi[~mdp.legal] > 0).any():
         raise ValueError(
@@ -347,15 +392,20 @@ def check_policy(mdp, pi):
 
 def check_gamma(gamma):
     """gamma as a float; ValueError unless 0 <= gamma <= 1."""
-    if not 0 <= gamma <= 1:
-        raise ValueError(f"gamma: got {gamma!r}, must be in [0, 1]")
-    return float(gamma)
+    return check_probability("gamma", gamma)
+
+
+def check_probability(name, value):
+    """value as a float; ValueError unless it is a number in [0, 1]."""
+    if not isinstance(value, Real) or not 0 <= value <= 1:
+        raise ValueError(f"{name}: got {value!r}, must be a number in [0, 1]")
+    return float(value)
 
 
 def check_values(mdp, V, name="V"):
     """V as a new (S,) float array, from a number or an array; terminal states get 0."""
-    V = np.asarray(V, float)
-    if V.shape not in ((), (mdp.n_states,)):
+    V = as_floats(name, V)
+    if V.shape not in ((), (check_mdp(mdp).n_states,)):
         raise ValueError(f"{name}: got shape {V.shape}, must be a number or ({mdp.n_states},)")
     if np.isnan(V).any():
         raise ValueError(f"{name}: contains NaN, must be numbers")
@@ -364,7 +414,7 @@ def check_values(mdp, V, name="V"):
 
 def check_count(name, value, least=1):
     """value as an int; ValueError unless it is a whole number of at least `least`."""
-    if int(value) != value or value < least:
+    if not isinstance(value, Real) or not least <= value < np.inf or int(value) != value:
         raise ValueError(f"{name}: got {value!r}, must be a whole number of at least {least}")
     return int(value)
 
@@ -379,8 +429,7 @@ def discounted_return(rewards, gamma, t=0):
     same return, which is why (9) serves both kinds of task. Source: Sutton and Barto (2018), (3.11).
     """
     rewards, gamma = _rewards(rewards), check_gamma(gamma)
-    if not 0 <= t <= rewards.size:
-        raise ValueError(f"t: got {t!r}, must be in 0..{rewards.size}")
+    t = FiniteMDP._index("t", t, rewards.size + 1)
     k = np.arange(t + 1, rewards.size + 1)
     return float(np.sum(gamma ** (k - t - 1) * rewards[t:]))  # eq-9
 
@@ -398,7 +447,7 @@ def discounted_returns(rewards, gamma):
 
 
 def _rewards(rewards):
-    rewards = np.asarray(rewards, float)
+    rewards = as_floats("rewards", rewards)
     if rewards.ndim != 1:
         raise ValueError(f"rewards: got shape {rewards.shape}, must be (T,)")
     if not np.isfinite(rewards).all():
@@ -428,7 +477,7 @@ def rollout(mdp, pi, n_steps, *, s=None, rng):
 
     s: first state; drawn from the start distribution where it is None. Returns a Trajectory.
     """
-    pi, n_steps = check_policy(mdp, pi), check_count("n_steps", n_steps)
+    pi, n_steps, rng = check_policy(mdp, pi), check_count("n_steps", n_steps), check_rng(rng)
     if s is not None:
         s = mdp._index("s", s, mdp.n_states)
     states, actions, rewards = _rollout(mdp.sampler(), cumulative(pi), n_steps, -1 if s is None else s, rng)
@@ -458,7 +507,7 @@ def sample_returns(mdp, pi, gamma, n_episodes, *, s, a=None, max_steps, rng):
     Their mean estimates v_pi(s), or q_pi(s, a) where a is given. Each trajectory is cut after max_steps steps, which
     leaves out at most gamma^max_steps of the value to come.
     """
-    pi, gamma = check_policy(mdp, pi), check_gamma(gamma)
+    pi, gamma, rng = check_policy(mdp, pi), check_gamma(gamma), check_rng(rng)
     n_episodes, max_steps = check_count("n_episodes", n_episodes), check_count("max_steps", max_steps)
     s = mdp._index("s", s, mdp.n_states)
     if a is not None and not mdp.legal[s, mdp._index("a", a, mdp.n_actions)]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.mdp import FiniteMDP, check_count
+from rlcore.mdp import FiniteMDP, as_integers, check_count, check_probability
 
 __all__ = ["blocking_maze", "cliff_walking", "dyna_maze", "gridworld", "maze", "two_goal_maze", "windy_gridworld"]
 
@@ -19,12 +19,10 @@ def gridworld(n_rows=4, n_cols=4, *, terminals=None, reward=-1.0, slip=0.0):
     (2018). reward: of every step. slip: probability that the robot moves in one of the four directions at random.
     """
     n_rows, n_cols = check_count("n_rows", n_rows), check_count("n_cols", n_cols)
-    if not 0 <= slip <= 1:
-        raise ValueError(f"slip: got {slip!r}, must be a probability in [0, 1]")
-    S, A = n_rows * n_cols, len(MOVES)
-    terminals = [0, S - 1] if terminals is None else list(terminals)
-    if any(not 0 <= s < S for s in terminals):
-        raise ValueError(f"terminals: got {terminals}, must be cells in 0..{S - 1}")
+    slip, S, A = check_probability("slip", slip), n_rows * n_cols, len(MOVES)
+    terminals = as_integers("terminals", [0, S - 1] if terminals is None else terminals)
+    if terminals.ndim != 1 or not set(terminals.tolist()) < set(range(S)):
+        raise ValueError(f"terminals: got {terminals}, must be cells in 0..{S - 1}, one cell at least left out")
     row, col = np.divmod(np.arange(S), n_cols)
     target = np.stack(
         [np.clip(row + dr, 0, n_rows - 1) * n_cols + np.clip(col + dc, 0, n_cols - 1) for dr, dc in MOVES.values()], 1

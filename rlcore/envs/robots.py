@@ -1,6 +1,6 @@
 """Robots of chapter 1."""
 
-from rlcore.mdp import FiniteMDP
+from rlcore.mdp import FiniteMDP, check_probability
 
 __all__ = ["recycling_robot"]
 
@@ -13,8 +13,7 @@ def recycling_robot(*, alpha=0.9, beta=0.6, r_search=2.0, r_wait=1.0, r_rescue=-
     Source: Sutton and Barto (2018), example 3.3.
     """
     for name, value in dict(alpha=alpha, beta=beta).items():
-        if not 0 <= value <= 1:
-            raise ValueError(f"{name}: got {value!r}, must be a probability in [0, 1]")
+        check_probability(name, value)
     high, low, search, wait, recharge = 0, 1, 0, 1, 2
     outcomes = {
         (high, search): [(alpha, high, r_search), (1 - alpha, low, r_search)],

@@ -1,8 +1,10 @@
 """Small processes that make one point each."""
 
+from numbers import Real
+
 import numpy as np
 
-from rlcore.mdp import FiniteMDP, check_count
+from rlcore.mdp import FiniteMDP, as_floats, check_count, check_rng
 
 __all__ = ["random_mdp", "random_walk", "short_corridor"]
 
@@ -15,7 +17,10 @@ def random_walk(n, *, rewards=None, start=None):
     Source: Sutton and Barto (2018), example 6.2 (n = 5) and section 12.1 (n = 19).
     """
     n = check_count("n", n)
-    left, right = rewards if rewards is not None else ((0.0, 1.0) if n < 19 else (-1.0, 1.0))
+    rewards = as_floats("rewards", ((0.0, 1.0) if n < 19 else (-1.0, 1.0)) if rewards is None else rewards)
+    if rewards.shape != (2,):
+        raise ValueError(f"rewards: got {rewards}, must be two numbers, for the left and the right end")
+    left, right = rewards
     outcomes = {(s, 0): [(0.5, s - 1, left * (s == 1)), (0.5, s + 1, right * (s == n))] for s in range(1, n + 1)}
     return FiniteMDP.from_outcomes(outcomes, start=(n + 1) // 2 if start is None else start, action_names=("step",))
 
@@ -26,7 +31,9 @@ def random_mdp(n_states, n_actions, *, n_next=None, concentration=0.3, rng):
     n_next: how many successors each pair has (drawn with repetition, as sparse processes need); all states where None.
     """
     S, A = check_count("n_states", n_states), check_count("n_actions", n_actions)
-    K = S if n_next is None else check_count("n_next", n_next)
+    K, rng = S if n_next is None else check_count("n_next", n_next), check_rng(rng)
+    if not (isinstance(concentration, Real) and 0 < concentration < np.inf):
+        raise ValueError(f"concentration: got {concentration!r}, must be a positive number")
     next_state = np.broadcast_to(np.arange(S), (S, A, S)) if n_next is None else rng.integers(S, size=(S, A, K))
     prob = rng.dirichlet(np.full(K, concentration), size=(S, A))
     reward = rng.normal(size=(S, A, K))
