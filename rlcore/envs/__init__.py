@@ -1,6 +1,10 @@
 """The document's worlds as FiniteMDPs, and MDPEnv, which shows any of them as a gymnasium environment."""
 
+from rlcore.envs.cartpole import *  # noqa: F403
+from rlcore.envs.games import *  # noqa: F403
+from rlcore.envs.golf import *  # noqa: F403
 from rlcore.envs.grids import *  # noqa: F403
+from rlcore.envs.meter import *  # noqa: F403
 from rlcore.envs.robots import *  # noqa: F403
 from rlcore.envs.small import *  # noqa: F403
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from rlcore.mdp import FiniteMDP, as_floats, check_count, check_rng
 
-__all__ = ["random_mdp", "random_walk", "short_corridor"]
+__all__ = ["jumping_walk", "random_mdp", "random_walk", "short_corridor", "two_state_mdp", "zero_loop"]
 
 
 def random_walk(n, *, rewards=None, start=None):
@@ -50,3 +50,40 @@ def short_corridor():
     moves = {(0, left): 0, (0, right): 1, (1, left): 2, (1, right): 0, (2, left): 1, (2, right): 3}
     outcomes = {pair: [(1.0, s_next, -1.0)] for pair, s_next in moves.items()}
     return FiniteMDP.from_outcomes(outcomes, start=0, action_names=("left", "right"))
+
+
+def zero_loop(*, reward=1.0):
+    """One state with two actions: stay, for reward 0, or leave, for `reward`, to the terminal state. cl-012, cl-014
+
+    At gamma = 1 every constant solves (12) for the policy that stays, and every number of at least `reward` solves
+    (16): what the loop promises is never put to the test. Source: Bertsekas (2012), section 3.1.2, in spirit.
+    """
+    return FiniteMDP.from_outcomes(
+        {(0, 0): [(1.0, 0, 0.0)], (0, 1): [(1.0, 1, reward)]}, action_names=("stay", "leave")
+    )
+
+
+def jumping_walk(n=1000, reach=100):
+    """n states in a row, one action that jumps 1 to `reach` states left or right, all equally likely. ex-tabular
+
+    Jumps beyond an end terminate, with reward -1 on the left, +1 on the right. States 0 (left end), 1..n, n + 1 (right
+    end); start in the middle. Source: Sutton and Barto (2018), example 9.1.
+    """
+    n, reach = check_count("n", n), check_count("reach", reach)
+    jumps = np.concatenate([np.arange(-reach, 0), np.arange(1, reach + 1)])
+    next_state = np.clip(np.arange(n + 2)[:, None, None] + jumps, 0, n + 1)
+    terminal = np.isin(np.arange(n + 2), [0, n + 1])
+    next_state[terminal] = np.flatnonzero(terminal)[:, None, None]
+    reward = np.where(terminal[:, None, None], 0.0, 1.0 * (next_state == n + 1) - (next_state == 0))
+    prob = np.full(next_state.shape, 1 / jumps.size)
+    start = np.eye(n + 2)[(n + 1) // 2]
+    return FiniteMDP(next_state, prob, reward, np.ones((n + 2, 1), bool), terminal, start, action_names=("jump",))
+
+
+def two_state_mdp():
+    """Two states, two actions: 0 tries to stay (works 9 times in 10), 1 to change (8 in 10). fig-8
+
+    A step in state 1 pays 1, trying to change costs 0.2. Start in state 0.
+    """
+    P = [[[0.9, 0.1], [0.2, 0.8]], [[0.1, 0.9], [0.8, 0.2]]]
+    return FiniteMDP.from_arrays(P, [[0.0, -0.2], [1.0, 0.8]], start=0, action_names=("stay", "change"))

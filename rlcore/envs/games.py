@@ -1,0 +1,98 @@
+"""Tic-tac-toe and its larger relatives, solved exactly, and the arithmetic of games that cannot be."""
+
+from math import comb
+
+from rlcore.mdp import FiniteMDP, check_count
+
+__all__ = ["board_states", "cost_of_a_sweep", "game_values", "tic_tac_toe"]
+
+SECONDS_PER_YEAR = 365.25 * 24 * 3600
+
+
+def game_values(rows=3, cols=3, in_row=3):
+    """Value for the first player of every position that play can reach: {(x, o): 1, 0 or -1}. ex-chess, cl-023
+
+    A position is a pair of integers whose bits are the cells of either player; x moves first and takes the maximum,
+    o the minimum: equation (16) with two players, solved in one pass from the last move to the first.
+    """
+    lines, n = _lines(rows, cols, in_row), check_count("rows", rows) * check_count("cols", cols)
+    levels = [{(0, 0)}]
+    while levels[-1]:
+        x_to_move = len(levels) % 2 == 1
+        levels.append({m for xo in levels[-1] if not _won(xo, lines) for m in _moves(xo, x_to_move, n)})
+    values = {}
+    for level in range(len(levels) - 2, -1, -1):
+        x_to_move = level % 2 == 0
+        best = max if x_to_move else min
+        for xo in levels[level]:
+            moves = () if _won(xo, lines) else _moves(xo, x_to_move, n)
+            values[xo] = best(values[m] for m in moves) if moves else _won(xo, lines)
+    return values
+
+
+def tic_tac_toe(opponent="random"):
+    """Tic-tac-toe for the first player as a FiniteMDP: +1 for a win, -1 for a loss, action = cell. ex-chess
+
+    A state is a position in which x is to move; the opponent's answer belongs to the environment. opponent: "random"
+    (any free cell with equal chance) or "perfect" (any best answer with equal chance).
+    """
+    if opponent not in ("random", "perfect"):
+        raise ValueError(f'opponent: got {opponent!r}, must be "random" or "perfect"')
+    values, lines = game_values(), _lines(3, 3, 3)
+    number = {xo: i for i, xo in enumerate(sorted(p for p in values if _bits(p) % 2 == 0 and _open(p, lines)))}
+    end, outcomes = len(number), {}
+    for xo, s in number.items():
+        for x in _moves(xo, True, 9):
+            answers = _moves(x, False, 9) if _open(x, lines) else [x]
+            if opponent == "perfect":
+                answers = [m for m in answers if values[m] == min(values[m] for m in answers)]
+            after = [(number.get(m, end), float(_won(m, lines))) for m in answers]
+            outcomes[s, (x[0] ^ xo[0]).bit_length() - 1] = [(1 / len(after), *outcome) for outcome in after]
+    return FiniteMDP.from_outcomes(outcomes, n_states=end + 1, start=number[0, 0])
+
+
+def board_states(rows, cols):
+    """Boards that two players who move in turn can fill, wins left aside: sum over k of C(n, k) C(k, k // 2). cl-023"""
+    n = check_count("rows", rows) * check_count("cols", cols)
+    return sum(comb(n, k) * comb(k, k // 2) for k in range(n + 1))
+
+
+def cost_of_a_sweep(n_states, per_second=1e9, n_bytes=8):
+    """(years, bytes): time of one backup of every state, and memory for one number a state. ex-backgammon"""
+    for name, value in dict(n_states=n_states, per_second=per_second, n_bytes=n_bytes).items():
+        if not value > 0:
+            raise ValueError(f"{name}: got {value!r}, must be a positive number")
+    return n_states / per_second / SECONDS_PER_YEAR, n_states * n_bytes
+
+
+def _lines(rows, cols, k):
+    """Bit masks of every k cells in a row, a column or a diagonal."""
+    starts = [(r, c, dr, dc) for r in range(rows) for c in range(cols) for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1))]
+    inside = [t for t in starts if t[0] + (k - 1) * t[2] < rows and 0 <= t[1] + (k - 1) * t[3] < cols]
+    return [sum(1 << (r + i * dr) * cols + c + i * dc for i in range(k)) for r, c, dr, dc in inside]
+
+
+def _won(xo, lines):
+    """1 where x has a full line, -1 where o has one, else 0."""
+    x, o = xo
+    for line in lines:
+        if x & line == line:
+            return 1
+        if o & line == line:
+            return -1
+    return 0
+
+
+def _moves(xo, x_to_move, n):
+    """Positions after one more mark."""
+    x, o = xo
+    free = [1 << i for i in range(n) if not (x | o) >> i & 1]
+    return [(x | cell, o) if x_to_move else (x, o | cell) for cell in free]
+
+
+def _bits(xo):
+    return (xo[0] | xo[1]).bit_count()
+
+
+def _open(xo, lines):
+    return not _won(xo, lines) and _bits(xo) < 9

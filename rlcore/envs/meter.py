@@ -1,0 +1,36 @@
+"""A process that counts how often its model is read."""
+
+import numpy as np
+
+from rlcore.mdp import FiniteMDP
+
+__all__ = ["Metered"]
+
+
+class Metered(FiniteMDP):
+    """A FiniteMDP whose `queries` counts the rows p(., . | s, a) that were read, one for each pair. cl-021
+
+    Stands in for the process in functions that are plain Python: heuristic_search, optimality_backup, q_from_v.
+    """
+
+    def __init__(self, mdp):
+        vars(self).update(vars(mdp), queries=0)  # the fields of a FiniteMDP are frozen
+
+    @property
+    def next_state(self):
+        return _Rows(vars(self))
+
+
+class _Rows:
+    """The array next_state; reading one pair counts 1, reading it whole counts every pair outside terminal states."""
+
+    def __init__(self, fields):
+        self.fields = fields
+
+    def __getitem__(self, index):
+        self.fields["queries"] += 1
+        return self.fields["next_state"][index]
+
+    def __array__(self, dtype=None, copy=None):
+        self.fields["queries"] += int(self.fields["legal"][~self.fields["terminal"]].sum())
+        return np.asarray(self.fields["next_state"], dtype)
