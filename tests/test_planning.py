@@ -1,0 +1,418 @@
+"""Learned models, certainty equivalence, Dyna, shooting: limits and identities first, then published numbers."""
+
+import functools
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from rlcore.bellman import solve_policy
+from rlcore.dp import value_iteration
+from rlcore.envs import (
+    balance,
+    blocking_maze,
+    cartpole_start,
+    cartpole_step,
+    cartpole_transitions,
+    cartpole_upright,
+    cliff_walking,
+    dyna_maze,
+    random_mdp,
+    random_walk,
+    recycling_robot,
+    two_state_mdp,
+)
+from rlcore.mdp import deterministic_policy, uniform_policy
+from rlcore.planning import (
+    Transitions,
+    certainty_equivalent_control,
+    dyna_q,
+    epsilon_greedy,
+    estimate_model,
+    fit_linear_dynamics,
+    linear_dynamics,
+    max_value,
+    predict,
+    random_shooting,
+    sample_transitions,
+    soft_greedy,
+)
+from rlcore.trajectories import objective, trajectories, trajectory_probability
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def learn(world, n_episodes=20, *, n_planning=0, alpha=0.1, epsilon=0.1, gamma=0.95, seed=0, **options):
+    return dyna_q(
+        world, gamma, n_episodes, n_planning=n_planning, alpha=alpha, epsilon=epsilon, rng=rng(seed), **options
+    )
+
+
+def lengths(n_planning, n_runs, n_episodes=20):
+    maze = dyna_maze()
+    return np.array(
+        [
+            dyna_q(maze, 0.95, n_episodes, n_planning=n_planning, alpha=0.1, epsilon=0.1, rng=child).lengths
+            for child in rng(0).spawn(n_runs)
+        ]
+    )
+
+
+# ---------------------------------------------------------------------- models from counts
+
+
+def test_counts_are_frequencies():
+    data = Transitions(*map(np.array, ([0, 0, 0, 1], [0, 0, 0, 1], [1.0, 1.0, 2.0, 5.0], [1, 1, 0, 2])))
+    model = estimate_model(data, 3, 2, terminal=[2], unseen=-4.0)
+    assert model.p(1, 1.0, 0, 0) == pytest.approx(2 / 3) and model.p(0, 2.0, 0, 0) == pytest.approx(1 / 3)
+    assert model.p(2, 5.0, 1, 1) == 1
+    assert model.p(0, -4.0, 0, 1) == 1 and model.p(1, -4.0, 1, 0) == 1  # never tried: stays
+    assert model.terminal.tolist() == [False, False, True]
+
+
+def test_counts_converge_like_one_over_root_n():
+    robot = recycling_robot()
+    error = []
+    for n in (1_000, 16_000):
+        worst = []
+        for seed in range(10):
+            data = sample_transitions(robot, uniform_policy(robot), n, rng=rng(seed))
+            model = estimate_model(data, 2, 3, legal=robot.legal)
+            worst.append(np.abs(model.transition_probs() - robot.transition_probs()).max())
+        error.append(np.mean(worst))
+    # 4 = sqrt(16); measured 3.4 to 5.5 over 20 blocks of seeds; one that forgets old data stays at 1
+    assert 2.8 < error[0] / error[1] < 6.5
+
+
+def test_transitions_come_from_the_process_and_restart():
+    walk = random_walk(5)
+    data = sample_transitions(walk, uniform_policy(walk), 2_000, rng=rng(1))
+    assert np.all(np.abs(data.s - data.s_next) == 1) and not walk.terminal[data.s].any()
+    ended = walk.terminal[data.s_next]
+    assert np.all(data.s[1:][ended[:-1]] == 3) and np.all(data.s[1:][~ended[:-1]] == data.s_next[:-1][~ended[:-1]])
+    assert np.all(data.r == (data.s_next == 6))
+
+
+def test_the_best_deterministic_model_of_the_robot_is_right_nine_times_in_ten():
+    robot = recycling_robot()
+    data = sample_transitions(robot, uniform_policy(robot), 20_000, rng=rng(2))
+    searched_high = (data.s == 0) & (data.a == 0)
+    stays = np.mean(data.s_next[searched_high] == 0)
+    assert stays == pytest.approx(0.9, abs=0.015)  # 5 standard errors of the 7,000 or so trials
+
+
+def test_certainty_equivalence_on_complete_counts_is_the_optimum():
+    maze = dyna_maze()
+    run = certainty_equivalent_control(maze, 0.95, 30, epsilon=0.0, unseen=1.0, max_steps=2000, rng=rng(3))
+    assert run.lengths[-5:].tolist() == [14] * 5  # optimism tries all that could pay, then walks the shortest path
+    assert solve_policy(maze, run.policy, 0.95)[18] == pytest.approx(0.95**13)
+    assert run.history.shape == (31, 54, 4) and run.returns.tolist() == (run.lengths < 2000).astype(float).tolist()
+
+
+def test_certainty_equivalence_without_optimism_may_stay_with_a_detour():
+    steps = [
+        certainty_equivalent_control(dyna_maze(), 0.95, 15, epsilon=0.0, rng=rng(seed)).lengths[-1] for seed in range(5)
+    ]
+    assert min(steps) >= 14 and max(steps) > 14
+
+
+# ---------------------------------------------------------------------- Dyna-Q
+
+
+def test_without_planning_one_update_is_the_q_learning_update():
+    robot = recycling_robot()
+    Q0 = np.array([[1.0, 2.0, 0.0], [3.0, 5.0, 4.0]])
+    run = learn(robot, 1, alpha=0.5, epsilon=0.0, gamma=0.9, Q0=Q0, max_steps=1)
+    # greedy in `high` is wait: reward 1, stays; 2 + 0.5 (1 + 0.9 * 2 - 2)
+    assert run.Q[0].tolist() == [1.0, 2.4, -np.inf] and run.Q[1].tolist() == [3.0, 5.0, 4.0]
+    assert run.returns.tolist() == [1.0] and run.lengths.tolist() == [1]
+
+
+def test_first_episode_changes_one_entry_without_planning_and_many_with():
+    plain, dyna = learn(dyna_maze(), 1), learn(dyna_maze(), 1, n_planning=50)
+    assert np.count_nonzero(plain.Q > 0) == 1 and plain.Q.max() == pytest.approx(0.1)
+    # the goal ends the episode; its planning steps carry the value back once
+    assert np.count_nonzero(dyna.Q > 0) >= 2
+
+
+def test_planning_replays_only_what_was_remembered():
+    """Two states in a row that pay 1 at the end: with alpha = 1 one pass and enough replays give the exact values."""
+    walk = random_walk(3, rewards=(0.0, 1.0))
+    run = learn(walk, 50, n_planning=200, alpha=1.0, epsilon=1.0, gamma=0.5)
+    model = run.model
+    s = np.flatnonzero(~walk.terminal)
+    r, s_next = model.reward[s, 0, 0], model.next_state[s, 0, 0]
+    np.testing.assert_array_equal(run.Q[s, 0], r + 0.5 * run.Q[s_next, 0])  # a fixed point of its own last memories
+
+
+def test_converges_to_the_optimum_where_the_world_is_deterministic():
+    maze = dyna_maze()
+    exact = value_iteration(maze, 0.95, tol=1e-12).Q
+    run = learn(maze, 300, n_planning=50, alpha=0.5, epsilon=0.5)
+    reached = np.isin(np.arange(54), np.unique(maze.next_state[exact.max(axis=1) > 0])) & (exact.max(axis=1) > 0)
+    np.testing.assert_allclose(run.Q[reached], exact[reached], atol=1e-6)
+
+
+def test_behaviour_at_random_still_learns_the_optimal_values():
+    # stochastic world, no planning: epsilon = 1 never follows its own estimates
+    mdp = random_mdp(4, 2, rng=rng(0))
+    exact = value_iteration(mdp, 0.5).Q
+    run = dyna_q(mdp, 0.5, 1, n_planning=0, alpha=0.005, epsilon=1.0, max_steps=400_000, rng=rng(4))
+    # worst error over 10 seeds 0.12; SARSA's fixed point (the random policy's values) is 0.67 away
+    assert np.abs(run.Q - exact).max() < 0.3
+
+
+@pytest.mark.parametrize("n_planning, episode, published, band", [
+    (0, 1, 882.564, 680.37),
+    (0, 2, 705.073, 566.97),
+    (0, 20, 47.308, 34.08),
+    (5, 5, 23.014, 9.67),
+    (5, 10, 17.105, 2.17),
+    (5, 20, 16.839, 2.15),
+    (50, 1, 940.0375, 851.04),
+    (50, 2, 39.155, 9.11),
+    (50, 10, 16.85, 2.63),
+    (50, 20, 16.735, 2.55),
+])  # fmt: skip
+def test_steps_per_episode_of_the_maze(n_planning, episode, published, band):
+    # Sutton and Barto (2018), figure 8.2; bands for 30 runs: 4 standard deviations of the mean of 30 runs
+    assert lengths(n_planning, 30)[:, episode - 1].mean() == pytest.approx(published, abs=band)
+
+
+def test_planning_saves_real_steps():
+    # 200 runs: 4,360 / 1,390 / 1,200 steps in 20 episodes, standard errors 90 / 58 / 53
+    total = [lengths(n, 200).sum(axis=1).mean() for n in (0, 5, 50)]
+    np.testing.assert_allclose(total, [4364, 1392, 1201], atol=330)
+
+
+def test_bonus_finds_the_way_that_opens_and_a_stale_plan_never_does():
+    first, second = blocking_maze(gap="right"), blocking_maze(gap="left")
+    stale = value_iteration(first, 0.95).pi
+    data = sample_transitions(second, stale, 2_000, rng=rng(0))
+    assert data.r.sum() == 0  # runs into the wall that its model does not have
+    late = []
+    for kappa in (0.0, 1e-3):
+        totals = []
+        for child in rng(1).spawn(10):
+            run = dyna_q(first, 0.95, 300, n_planning=10, alpha=1.0, epsilon=0.1, kappa=kappa,
+                         change=(1000, second), max_steps=3000, rng=child)  # fmt: skip
+            totals.append(np.sum(np.cumsum(run.lengths) <= 3000))
+        late.append(np.mean(totals))
+    # episodes ended by step 3000, 10 runs: 82 to 106 without bonus, 128 to 134 with it (worst over 20 blocks of seeds)
+    assert late[1] > late[0] + 10
+
+
+def test_a_bonus_prefers_what_was_not_tried_for_long():
+    corridor = random_walk(3)
+    run = learn(corridor, 1, n_planning=5, kappa=1.0, alpha=0.1, max_steps=20)
+    plain = learn(corridor, 1, n_planning=5, kappa=0.0, alpha=0.1, max_steps=20)
+    assert run.Q.max() > plain.Q.max()
+
+
+def test_truncation_is_not_termination():
+    # one step, then cut: the bootstrap from the state reached must be there
+    walk = random_walk(5)
+    run = learn(walk, 1, alpha=1.0, gamma=0.5, Q0=2.0, max_steps=1)
+    assert run.Q[3, 0] == 0.5 * 2.0
+    assert run.Q[0, 0] == 0.0 and run.Q[6, 0] == 0.0  # terminal states stay 0
+
+
+def test_change_comes_at_its_step():
+    first, second = blocking_maze(gap="right"), blocking_maze(gap="left")
+    never = learn(first, 5, change=(10**9, second))
+    plain, at_once = learn(first, 5), learn(first, 5, change=(0, second))
+    np.testing.assert_array_equal(never.Q, plain.Q)
+    np.testing.assert_array_equal(at_once.Q, learn(second, 5).Q)
+
+
+def test_same_generator_same_run():
+    a, b = learn(dyna_maze(), 5, n_planning=3), learn(dyna_maze(), 5, n_planning=3)
+    for name in ("returns", "lengths", "V", "Q", "policy", "history"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert not np.array_equal(a.lengths, learn(dyna_maze(), 5, n_planning=3, seed=1).lengths)
+
+
+def test_plain_python_gives_the_same_bits():
+    code = """if True:
+        import numpy as np
+        from rlcore.envs import dyna_maze, recycling_robot
+        from rlcore.mdp import uniform_policy
+        from rlcore.planning import dyna_q, sample_transitions
+        run = dyna_q(dyna_maze(), 0.95, 3, n_planning=4, alpha=0.1, epsilon=0.1, kappa=0.01,
+                     change=(500, dyna_maze(walls=())), rng=np.random.default_rng(7))
+        robot = recycling_robot()
+        data = sample_transitions(robot, uniform_policy(robot), 50, rng=np.random.default_rng(7))
+        print(run.Q.tobytes().hex(), run.lengths.tolist(), data.s_next.tolist(), data.r.tolist())"""
+    outputs = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "RLCORE_NO_NUMBA": plain},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for plain in ("0", "1")
+    }
+    assert len(outputs) == 1
+
+
+def test_epsilon_greedy_frequencies():
+    Q = np.array([[1.0, 1.0, 0.0, -np.inf]])
+    generator = rng(5)
+    counts = np.bincount([epsilon_greedy(Q, 0, 0.3, generator) for _ in range(20_000)], minlength=4) / 20_000
+    np.testing.assert_allclose(counts, [0.45, 0.45, 0.1, 0.0], atol=0.015)  # 4 standard errors
+    np.testing.assert_allclose(soft_greedy(Q, 0.3)[0], [0.45, 0.45, 0.1, 0.0])
+    assert max_value(np.array([[-3.0, -2.0, -5.0]]), 0) == -2.0 and max_value(np.array([[4.0, -2.0]]), 0) == 4.0
+
+
+# ---------------------------------------------------------------------- predictions
+
+
+def test_model_based_results_answer_predict_and_others_do_not():
+    maze = dyna_maze()
+    dyna = learn(maze, 3, n_planning=5)
+    p, r = predict(dyna, 7 + 9, 0)  # (1, 7) is a wall that nobody stands on: unknown, stays
+    assert p[16] == 1 and r == 0
+    p, r = predict(dyna, 17, 0)  # up from (1, 8): the goal
+    assert p[8] == 1 and r == 1
+    with pytest.raises(ValueError, match="^run:"):
+        predict(value_iteration(maze, 0.95), 0, 0)
+    with pytest.raises(ValueError, match="^s:"):
+        predict(dyna, 54, 0)
+
+
+# ---------------------------------------------------------------------- cart-pole
+
+
+def test_cartpole_is_that_of_gymnasium_step_for_step():
+    gym = pytest.importorskip("gymnasium")
+    env = gym.make("CartPole-v1").unwrapped
+    for seed in range(5):
+        x = np.asarray(env.reset(seed=seed)[0], float)
+        env.state = tuple(x)
+        ended = False
+        while not ended:
+            a = int(env.np_random.random() < 0.5)
+            _, _, ended, _, _ = env.step(a)
+            x = cartpole_step(x, a)
+            np.testing.assert_allclose(x, env.state, rtol=0, atol=1e-12)
+            assert cartpole_upright(x) == (not ended)
+
+
+def test_least_squares_recovers_a_linear_world():
+    generator = rng(0)
+    W = generator.normal(size=(5, 3))
+    x, a = generator.normal(size=(40, 3)), generator.integers(2, size=40)
+    fitted = fit_linear_dynamics(x, a, linear_dynamics(W, x, a), 2)
+    np.testing.assert_allclose(fitted, W, atol=1e-10)
+
+
+def test_linear_model_of_the_cartpole_is_almost_exact_one_step_ahead():
+    W = fit_linear_dynamics(*cartpole_transitions(500, rng=rng(0)), 2)
+    x, a, x_next = cartpole_transitions(500, rng=rng(1))
+    change, error = x_next - x, linear_dynamics(W, x, a) - x_next
+    unexplained = (error**2).mean(axis=0) / change.var(axis=0)
+    assert unexplained.max() < 0.01  # R^2 > 0.99 of the changes; measured 1e-4 at worst over 20 seeds
+
+
+@pytest.mark.parametrize("n", [20, 50, 100, 300])
+def test_shooting_in_the_learned_model_balances(n):
+    steps = []
+    for generator in rng(n).spawn(5):
+        model = functools.partial(linear_dynamics, fit_linear_dynamics(*cartpole_transitions(n, rng=generator), 2))
+        shoot = functools.partial(
+            random_shooting, model, lambda x: x[:, 2] ** 2 + 0.1 * x[:, 0] ** 2,
+            n_actions=2, horizon=20, n_candidates=100, rng=generator,
+        )  # fmt: skip
+        steps.append(balance(shoot, rng=generator))
+    assert steps == [200] * 5  # random pushes last 20 or so
+
+
+def test_shooting_takes_the_first_action_of_the_cheapest_plan():
+    # x' = x + a - 1 for a in 0, 1, 2; cost |x|: from 3 the best first move is down, from -3 up, from 0 none
+    for x, best in ((3.0, 0), (-3.0, 2), (0.0, 1)):
+        a = random_shooting(
+            lambda x, a: x + a[:, None] - 1, lambda x: np.abs(x[:, 0]), [x], 3, horizon=2, n_candidates=500, rng=rng()
+        )
+        assert a == best
+
+
+def test_start_and_transitions_are_within_bounds():
+    x, a, x_next = cartpole_transitions(300, rng=rng(0))
+    assert np.abs(cartpole_start(rng=rng())).max() <= 0.05 and cartpole_upright(x).all() and set(a) == {0, 1}
+    np.testing.assert_array_equal(x_next, cartpole_step(x, a))
+    fell = ~cartpole_upright(x_next)[:-1]
+    np.testing.assert_array_equal(x[1:][~fell], x_next[:-1][~fell])
+    assert fell.any() and np.abs(x[1:][fell]).max() <= 0.05
+
+
+# ---------------------------------------------------------------------- trajectories
+
+
+@pytest.mark.parametrize("theta", [0.0, 0.3, 1.0])
+def test_trajectory_probabilities_sum_to_one_and_give_the_value(theta):
+    mdp = two_state_mdp()
+    pi = np.tile([1 - theta, theta], (2, 1))
+    states, actions, prob = trajectories(mdp, pi, 3)
+    assert states.shape == actions.shape == (64, 3) and prob.sum() == pytest.approx(1, abs=1e-12)
+    P, r = np.einsum("sa,sat->st", pi, mdp.transition_probs()), (pi * mdp.expected_reward()).sum(axis=1)
+    assert objective(mdp, pi, 3) == pytest.approx(mdp.start @ (r + P @ (r + P @ r)), abs=1e-12)
+
+
+def test_one_trajectory_by_hand():
+    mdp = two_state_mdp()
+    pi = np.array([[0.7, 0.3], [0.4, 0.6]])
+    # start 1, change .3, to state 1 .8, stay .4, to state 1 .9, change .6
+    assert trajectory_probability(mdp, pi, [0, 1, 1], [1, 0, 1]) == pytest.approx(0.3 * 0.8 * 0.4 * 0.9 * 0.6)
+    assert trajectory_probability(mdp, pi, [1, 1, 1], [1, 0, 1]) == 0
+
+
+# ---------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize("options, name", [
+    (dict(gamma=1.5), "gamma"), (dict(n_episodes=0), "n_episodes"), (dict(n_planning=-1), "n_planning"),
+    (dict(alpha=0.0), "alpha"), (dict(alpha=1.1), "alpha"), (dict(epsilon=-0.1), "epsilon"),
+    (dict(epsilon=2), "epsilon"), (dict(kappa=-1.0), "kappa"), (dict(max_steps=0), "max_steps"),
+    (dict(Q0=np.nan), "Q"), (dict(change=(-1, dyna_maze())), "change"), (dict(change=(5, cliff_walking())), "change"),
+])  # fmt: skip
+def test_bad_arguments_of_dyna_q(options, name):
+    arguments = dict(gamma=0.9, n_episodes=1, n_planning=0, alpha=0.1, epsilon=0.1, rng=rng()) | options
+    with pytest.raises(ValueError, match=f"^{name}:"):
+        dyna_q(dyna_maze(), arguments.pop("gamma"), arguments.pop("n_episodes"), **arguments)
+
+
+@pytest.mark.parametrize("call, name", [
+    (lambda d: estimate_model(d, 0, 2), "n_states"),
+    (lambda d: estimate_model(d, 2, 2, terminal=[2]), "terminal"),
+    (lambda d: estimate_model(d, 2, 2, terminal=[0]), "data"),
+    (lambda d: estimate_model(d, 2, 1), "data"),
+    (lambda d: estimate_model(d, 2, 2, legal=np.ones((2, 3))), "legal"),
+    (lambda d: estimate_model(d, 2, 2, legal=np.eye(2)), "data"),
+    (lambda d: certainty_equivalent_control(dyna_maze(), 0.9, 0, rng=rng()), "n_episodes"),
+    (lambda d: certainty_equivalent_control(dyna_maze(), 0.9, 1, epsilon=3, rng=rng()), "epsilon"),
+    (lambda d: sample_transitions(dyna_maze(), uniform_policy(dyna_maze()), 0, rng=rng()), "n_steps"),
+    (lambda d: fit_linear_dynamics(np.zeros((3, 2)), [0, 1], np.zeros((3, 2)), 2), "x"),
+    (lambda d: random_shooting(None, None, [0.0], 2, horizon=0, n_candidates=5, rng=rng()), "horizon"),
+    (lambda d: random_shooting(None, None, [0.0], 2, horizon=3, n_candidates=0, rng=rng()), "n_candidates"),
+    (lambda d: random_shooting(None, None, [0.0], 0, horizon=3, n_candidates=5, rng=rng()), "n_actions"),
+    (lambda d: cartpole_transitions(0, rng=rng()), "n"),
+    (lambda d: trajectories(two_state_mdp(), np.full((2, 2), 0.5), 0), "T"),
+    (lambda d: trajectory_probability(two_state_mdp(), np.full((2, 2), 0.5), [0], [0, 1]), "states"),
+])  # fmt: skip
+def test_bad_arguments(call, name):
+    data = Transitions(*map(np.array, ([0], [1], [0.0], [1])))
+    with pytest.raises(ValueError, match=f"^{name}:"):
+        call(data)
+
+
+def test_illegal_actions_stay_out():
+    robot = recycling_robot()
+    run = learn(robot, 1, n_planning=3, epsilon=1.0, kappa=0.1, gamma=0.9, max_steps=200)
+    assert run.Q[0, 2] == -np.inf and np.isfinite(run.Q[1]).all() and run.policy[0, 2] == 0
+    assert run.model.legal.tolist() == robot.legal.tolist()
+    deterministic_policy(robot, run.policy.argmax(axis=1))
