@@ -44,6 +44,8 @@ def golf_course(
     S, driver = shape[0] * shape[1], (driver[0], driver[1])
     if not 1 <= hole[0] < shape[0] - 1 or not 1 <= hole[1] < shape[1] - 1:
         raise ValueError(f"hole: got {hole}, must not lie on the edge of the course")
+    if driver[1] < driver[0]:
+        raise ValueError(f"driver: got {driver}, must be (nearest, farthest) in this order")
     putts = _offsets(shape, 1, check_count("putter", putter))
     drives = _offsets(shape, check_count("driver", driver[0]), check_count("driver", driver[1])) if with_driver else []
     spread = check_count("scatter", scatter, 0) if with_driver else 0

@@ -6,7 +6,7 @@ import numpy as np
 
 from rlcore.mdp import FiniteMDP, as_floats, check_count, check_rng
 
-__all__ = ["jumping_walk", "random_mdp", "random_walk", "short_corridor", "two_state_mdp", "zero_loop"]
+__all__ = ["branching_mdp", "jumping_walk", "random_mdp", "random_walk", "short_corridor", "two_state_mdp", "zero_loop"]
 
 
 def random_walk(n, *, rewards=None, start=None):
@@ -87,3 +87,18 @@ def two_state_mdp():
     """
     P = [[[0.9, 0.1], [0.2, 0.8]], [[0.1, 0.9], [0.8, 0.2]]]
     return FiniteMDP.from_arrays(P, [[0.0, -0.2], [1.0, 0.8]], start=0, action_names=("stay", "change"))
+
+
+def branching_mdp(n_states, n_next, *, stop=0.1, rng):
+    """Two actions a state, each to one of n_next states or, with probability `stop`, to the end; normal rewards. cl-022
+
+    Successors are drawn at random and equally likely; the reward depends on (s, a, s'), 0 on stopping. Start: state 0.
+    Source: Sutton and Barto (2018), section 8.6, figure 8.8.
+    """
+    S, K = check_count("n_states", n_states), check_count("n_next", n_next)
+    next_state = np.full((S + 1, 2, K + 1), S)
+    next_state[:S, :, :K] = rng.integers(S, size=(S, 2, K))
+    prob = np.broadcast_to(np.append(np.full(K, (1 - stop) / K), stop), next_state.shape)
+    reward = np.where(next_state < S, rng.normal(size=next_state.shape), 0.0)
+    terminal = np.arange(S + 1) == S
+    return FiniteMDP(next_state, prob, reward, np.ones((S + 1, 2), bool), terminal, np.eye(S + 1)[0])
