@@ -100,7 +100,8 @@ class FiniteMDP:
     def from_arrays(cls, P, R, *, terminal=None, start=None, state_names=None, action_names=None):
         """Build from P (S, A, S) = p(s'|s, a) and R, either r(s, a) of shape (S, A) or r(s, a, s') of shape (S, A, S).
 
-        A row of zeros in P means that the action is not in A(s). terminal: (S,) bool, default none.
+        A row of zeros in P means that the action is not in A(s). terminal: (S,) bool, default none; their rows of P
+        may be zeros, their rewards must be.
         """
         P, R = as_floats("P", P), as_floats("R", R)
         if P.ndim != 3 or P.shape[0] != P.shape[2] or 0 in P.shape:
@@ -114,6 +115,11 @@ class FiniteMDP:
         terminal = np.zeros(len(P), bool) if terminal is None else as_floats("terminal", terminal).astype(bool)
         if terminal.shape != (len(P),):
             raise ValueError(f"terminal: got shape {terminal.shape}, must be ({len(P)},)")
+        bad = terminal[:, None, None] & ((R != 0) | (P > 0) & (np.arange(len(P)) != np.arange(len(P))[:, None, None]))
+        if bad.any():
+            s, a, s_next = np.argwhere(bad)[0]
+            name, value = ("R", R[s, a, s_next]) if R[s, a, s_next] else ("P", P[s, a, s_next])
+            raise ValueError(f"{name}: got {value:g} at (s={s}, a={a}, s_next={s_next}), must be 0 as {s} is terminal")
         K = max(1, int((P > 0).sum(axis=2).max()))
         order = np.argsort(P == 0, axis=2, kind="stable")[:, :, :K]  # positive entries first, in order of s'
         prob = np.take_along_axis(P, order, axis=2)
@@ -260,9 +266,9 @@ def as_integers(name, values):
         array = np.asarray(values)
     except ValueError:
         raise ValueError(f"{name}: got {values!r}, must be integers") from None
-    if array.dtype.kind not in "iu":
+    if array.size and array.dtype.kind not in "iu":
         raise ValueError(f"{name}: got dtype {array.dtype}, must be integers")
-    return array
+    return array.astype(np.int64, copy=False)
 
 
 def _names(name, values):
