@@ -3,6 +3,7 @@
 import functools
 import importlib.util
 import os
+from pathlib import Path
 
 HAVE_NUMBA = importlib.util.find_spec("numba") is not None and os.environ.get("RLCORE_NO_NUMBA") != "1"
 _lazy = []
@@ -26,6 +27,7 @@ def _link():
     """Give every waiting function its dispatcher, under the names by which compiled functions call each other."""
     import numba
 
+    _forget_stale()
     for lazy in _lazy:
         if lazy.dispatcher is None:
             lazy.dispatcher = numba.njit(cache=True)(lazy.__wrapped__)
@@ -34,6 +36,18 @@ def _link():
         for name, value in names.items():
             if isinstance(value, _Lazy):
                 names[name] = value.dispatcher
+
+
+def _forget_stale():
+    """Drop machine code older than any source: numba does not see that a function in another file has changed."""
+    here = Path(__file__).parent
+    newest = max(path.stat().st_mtime for path in here.rglob("*.py"))
+    for index in here.rglob("*.nbi"):
+        try:
+            if index.stat().st_mtime < newest:
+                index.unlink()
+        except OSError:  # another process was quicker, or the folder is read-only
+            pass
 
 
 def compiled(function):
