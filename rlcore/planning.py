@@ -6,11 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.bellman import check_q, greedy_actions
+from rlcore.bellman import check_q
 from rlcore.compiled import compiled
 from rlcore.dp import value_iteration
-from rlcore.mdp import FiniteMDP, check_count, check_gamma, check_policy, cumulative, draw, rollout, step
+from rlcore.mdp import (
+    FiniteMDP,
+    check_count,
+    check_gamma,
+    check_policy,
+    check_rng,
+    cumulative,
+    draw,
+    rollout,
+    step,
+)
 from rlcore.results import Run
+from rlcore.tabular import check_probability, check_rate, check_world, epsilon_greedy, max_value, soft_greedy
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +60,7 @@ class Transitions:
 def sample_transitions(mdp, pi, n_steps, *, rng):
     """n_steps transitions under pi, starting anew after each terminal state. alg-model-learning"""
     pi, n_steps = check_policy(mdp, pi), check_count("n_steps", n_steps)
-    return Transitions(*_sample_transitions(mdp.sampler(), cumulative(pi), n_steps, rng))
+    return Transitions(*_sample_transitions(mdp.sampler(), cumulative(pi), n_steps, check_rng(rng)))
 
 
 @compiled
@@ -100,8 +111,8 @@ def certainty_equivalent_control(world, gamma, n_episodes, *, epsilon=0.1, unsee
     action. unseen: as in estimate_model. max_steps: an episode is cut there. Returns a PlanningRun; history
     (n_episodes + 1, S, A) holds the Q planned before the first and after each episode.
     """
-    gamma, epsilon = check_gamma(gamma), _check_probability("epsilon", epsilon)
-    S, A = world.legal.shape
+    gamma, epsilon = check_gamma(gamma), check_probability("epsilon", epsilon)
+    S, A = check_world(world).legal.shape
     known = dict(terminal=np.flatnonzero(world.terminal), legal=world.legal, start=world.start, unseen=unseen)
     paths, plan, history = [], None, []
     for _ in range(check_count("n_episodes", n_episodes) + 1):
@@ -121,13 +132,6 @@ def _transitions(paths):
     return Transitions(*(np.concatenate(columns) for columns in zip(empty, *parts)))
 
 
-def soft_greedy(Q, epsilon):
-    """The epsilon-greedy policy (S, A) of Q: ties share the greedy part, -inf marks actions that are not legal."""
-    best, legal = greedy_actions(Q), np.isfinite(Q)
-    share = [x / x.sum(axis=1, keepdims=True) for x in (best, legal)]
-    return (1 - _check_probability("epsilon", epsilon)) * share[0] + epsilon * share[1]
-
-
 # ---------------------------------------------------------------------- Dyna
 
 
@@ -143,10 +147,11 @@ def dyna_q(
     met included (Dyna-Q+). change: (step, FiniteMDP), the world from that step on.
     Returns a PlanningRun; history (n_episodes + 1, S, A). Source: Sutton and Barto (2018), sections 8.2 and 8.3.
     """
-    gamma, n_planning = check_gamma(gamma), check_count("n_planning", n_planning, 0)
-    alpha, epsilon = _check_rate(alpha), _check_probability("epsilon", epsilon)
+    gamma, n_planning, rng = check_gamma(gamma), check_count("n_planning", n_planning, 0), check_rng(rng)
+    alpha, epsilon = check_rate(alpha), check_probability("epsilon", epsilon)
     if not kappa >= 0:
         raise ValueError(f"kappa: got {kappa!r}, must be at least 0")
+    world = check_world(world)
     at, later = (np.iinfo(np.int64).max, world) if change is None else (check_count("change", change[0], 0), change[1])
     if not np.array_equal(later.legal, world.legal) or not np.array_equal(later.terminal, world.terminal):
         raise ValueError("change: got a world with other actions or terminal states, must have the same")
@@ -208,39 +213,32 @@ def _remember(memory, Q, s, a, r, s_next, now, untried):
     memory.next_state[s, a], memory.reward[s, a], memory.last[s, a] = s_next, r, now
 
 
+def replay(data, n_states, n_actions, gamma, *, alpha, Q0=0.0):
+    """Q (S, A) after one pass of Q-learning over recorded transitions, in their order. cl-034, eq-21
+
+    data: Transitions. Whoever chose the actions, they index the updates. States that occur only as s' keep Q0, so that
+    with Q0 = 0 terminal states count 0.
+    """
+    shape = check_count("n_states", n_states), check_count("n_actions", n_actions)
+    if data.s.size and (max(data.s.max(), data.s_next.max()) >= shape[0] or data.a.max() >= shape[1]):
+        raise ValueError(f"data: got a state or action outside {shape}, must be below n_states and n_actions")
+    Q = np.full(shape, float(Q0))
+    _replay(data.s, data.a, data.r, data.s_next, check_gamma(gamma), check_rate(alpha), Q)
+    return Q
+
+
+@compiled
+def _replay(s, a, r, s_next, gamma, alpha, Q):
+    for t in range(s.size):
+        Q[s[t], a[t]] += alpha * (r[t] + gamma * max_value(Q, s_next[t]) - Q[s[t], a[t]])  # eq-21
+
+
 def _remembered(world, memory):
     """What was remembered as a FiniteMDP; a pair never tried stays with reward 0."""
     known, S = memory.next_state >= 0, world.n_states
     next_state = np.where(known, memory.next_state, np.arange(S)[:, None])[:, :, None]
     prob = (world.legal | world.terminal[:, None]).astype(float)[:, :, None]
     return FiniteMDP(next_state, prob, memory.reward[:, :, None], world.legal, world.terminal, world.start)
-
-
-@compiled
-def epsilon_greedy(Q, s, epsilon, rng):
-    """A legal action at random with probability epsilon, else a maximising one; ties at random. -inf: not legal."""
-    lowest = max_value(Q, s)
-    if rng.random() < epsilon:
-        lowest = -1.7976931348623157e308
-    n = 0
-    for a in range(Q.shape[1]):
-        n += Q[s, a] >= lowest
-    pick = int(rng.random() * n)
-    for a in range(Q.shape[1]):
-        if Q[s, a] >= lowest:
-            if pick == 0:
-                return a
-            pick -= 1
-    return -1
-
-
-@compiled
-def max_value(Q, s):
-    """max over a of Q(s, a)."""
-    best = Q[s, 0]
-    for a in range(1, Q.shape[1]):
-        best = max(best, Q[s, a])
-    return best
 
 
 # ---------------------------------------------------------------------- a continuous model: least squares, shooting
@@ -273,21 +271,9 @@ def random_shooting(model, cost, x, n_actions, *, horizon, n_candidates, rng):
     state now. Planned anew at each step, this is model-predictive control. Source: Nagabandi et al. (2018).
     """
     shape = check_count("horizon", horizon), check_count("n_candidates", n_candidates)
-    plans = (rng.random(shape) * check_count("n_actions", n_actions)).astype(int)
+    plans = (check_rng(rng).random(shape) * check_count("n_actions", n_actions)).astype(int)
     states, total = np.tile(np.asarray(x, float), (shape[1], 1)), np.zeros(shape[1])
     for actions in plans:
         states = model(states, actions)
         total += cost(states)
     return int(plans[0, total.argmin()])
-
-
-def _check_probability(name, value):
-    if not 0 <= value <= 1:
-        raise ValueError(f"{name}: got {value!r}, must be a probability in [0, 1]")
-    return float(value)
-
-
-def _check_rate(alpha):
-    if not 0 < alpha <= 1:
-        raise ValueError(f"alpha: got {alpha!r}, must be in (0, 1]")
-    return float(alpha)

@@ -89,11 +89,11 @@ def blocking_maze(*, gap="right"):
 
 
 def two_goal_maze(*, near=0.2, far=1.0):
-    """A 5 x 7 room with a small reward 2 steps from the start and a large one 9 steps away. ex-explore
+    """A 3 x 6 room: a small reward 2 steps left of the start, a large one 3 steps to the right. ex-explore
 
-    near, far: the two rewards. At gamma = 0.95 the start is worth 1.0 * 0.95^8 = 0.66 or 0.2 * 0.95 = 0.19 by them.
+    near, far: the two rewards. At gamma = 0.95 they are worth 0.2 * 0.95 = 0.19 and 0.95^2 = 0.90 at the start.
     """
-    return maze(5, 7, walls=[(1, 3), (2, 3), (3, 3)], start=(2, 1), goals={(4, 1): near, (2, 6): far})
+    return maze(3, 6, start=(1, 2), goals={(1, 0): near, (1, 5): far})
 
 
 def cliff_walking():
