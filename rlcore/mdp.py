@@ -328,12 +328,20 @@ def _start(start, terminal):
 
 
 def _canonical(mdp):
-    """Arrays with padding blanked and outcomes ordered by (s', r), so that equal processes have equal arrays."""
-    used = mdp.prob > 0
-    K = int(used.sum(axis=2).max())
-    fields = [np.where(used, x, 0) for x in (mdp.next_state, mdp.reward, mdp.prob)]
-    order = np.lexsort((fields[1], fields[0], ~used), axis=2)[:, :, :K]
-    return [np.take_along_axis(x, order, axis=2) for x in fields] + [mdp.legal, mdp.terminal, mdp.start]
+    """Arrays with equal outcomes merged, ordered by (s', r) and padding blanked: equal processes have equal arrays."""
+    s_next, r, p = _ordered(mdp.next_state, mdp.reward, mdp.prob)
+    for k in range(1, p.shape[2]):
+        same = (p[:, :, k] > 0) & (s_next[:, :, k] == s_next[:, :, k - 1]) & (r[:, :, k] == r[:, :, k - 1])
+        p[:, :, k] += np.where(same, p[:, :, k - 1], 0.0)
+        p[:, :, k - 1] = np.where(same, 0.0, p[:, :, k - 1])
+    return [*_ordered(s_next, r, p), mdp.legal, mdp.terminal, mdp.start]
+
+
+def _ordered(next_state, reward, prob):
+    used = prob > 0
+    fields = [np.where(used, x, 0) for x in (next_state, reward, prob)]
+    order = np.lexsort((fields[1], fields[0], ~used), axis=2)[:, :, : int(used.sum(axis=2).max())]
+    return [np.take_along_axis(x, order, axis=2) for x in fields]
 
 
 def _reachable(mdp):

@@ -188,6 +188,8 @@ def test_equality_ignores_padding_and_order_of_outcomes_only():
     padded = {name: np.pad(arrays[name], ((0, 0), (0, 0), (0, 2))) for name in fields[:3]}
     padded["reward"] = np.where(padded["prob"] > 0, padded["reward"], 99.0)
     assert build(**flipped) == m and build(**padded) == m
+    split = {name: np.concatenate([arrays[name]] * 2, axis=2) for name in fields[:3]} | {"legal": arrays["legal"]}
+    assert build(**(split | {"prob": split["prob"] / 2})) == m  # two halves of an outcome are one outcome
     other = arrays["reward"].copy()
     other[0, 0, 0] += 1.0
     start = np.roll(arrays["start"], 1) * 0.0

@@ -37,7 +37,7 @@ def stay_or_go():
     return FiniteMDP.from_outcomes({(0, 0): [(1.0, 0, 0.0)], (0, 1): [(1.0, 1, -1.0)]})
 
 
-def awkward(seed=0, n_states=7, n_actions=3):
+def awkward(seed=0, n_states=7, n_actions=3, start=None):
     """A random process with illegal actions, two outcomes to the same state, padding and a terminal state."""
     rng = np.random.default_rng(seed)
     outcomes = {}
@@ -46,7 +46,7 @@ def awkward(seed=0, n_states=7, n_actions=3):
             p = rng.dirichlet(np.ones(1 + (s + int(a)) % 4))
             outcomes[s, int(a)] = [(q, int(rng.integers(n_states)), float(rng.integers(-3, 4))) for q in p]
     outcomes[0, 0] = [(0.5, 1, 2.0), (0.25, 1, -1.0), (0.25, n_states - 1, 0.5)]
-    return FiniteMDP.from_outcomes(outcomes, n_states=n_states, n_actions=n_actions)
+    return FiniteMDP.from_outcomes(outcomes, n_states=n_states, n_actions=n_actions, start=start)
 
 
 def gridworld5x5():
