@@ -1,0 +1,143 @@
+"""One source, two speeds: the same bits with and without numba, and imports that stay light."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from worlds import awkward, gambler
+
+from rlcore import compiled, dp, mdp
+from rlcore.envs import dyna_maze, gridworld, random_mdp, random_walk, recycling_robot
+from rlcore.planning import dyna_q, sample_transitions
+
+needs_numba = pytest.mark.skipif(not compiled.HAVE_NUMBA, reason="numba is absent or switched off")
+HERE = Path(__file__).parent
+
+
+def results():
+    """{name: arrays} of every function of mdp and dp that computes, on processes of several kinds."""
+    found = {}
+    processes = {
+        "robot": recycling_robot(),
+        "awkward": awkward(),
+        "slippery": gridworld(4, 5, slip=0.3),
+        "walk": random_walk(9),
+        "dense": random_mdp(15, 3, rng=np.random.default_rng(0)),
+        "sparse": random_mdp(40, 3, n_next=3, rng=np.random.default_rng(1)),
+    }
+    for name, m in processes.items():
+        rng, pi = np.random.default_rng(7), mdp.uniform_policy(m)
+        tau = mdp.rollout(m, pi, 200, rng=rng)
+        found[f"rollout {name}"] = [tau.states, tau.actions, tau.rewards]
+        s = int(m.start.argmax())
+        found[f"sample_returns {name}"] = [mdp.sample_returns(m, pi, 0.9, 50, s=s, max_steps=60, rng=rng)]
+        a = int(m.legal[s].argmax())
+        found[f"sample_returns a {name}"] = [mdp.sample_returns(m, pi, 0.9, 50, s=s, a=a, max_steps=60, rng=rng)]
+        world = m.sampler()
+        found[f"step {name}"] = [[mdp.step(world, s, a, rng) for _ in range(50)]]
+        found[f"draw {name}"] = [[mdp.draw(world.start_cdf, rng) for _ in range(50)]]
+        found[f"rng {name}"] = [rng.random(3)]  # both have drawn equally often
+        found[f"sample_transitions {name}"] = list(vars(sample_transitions(m, pi, 100, rng=rng)).values())
+        for in_place in (False, True):
+            solutions = [
+                dp.policy_evaluation(m, pi, 0.9, in_place=in_place, V0=1.0, tol=1e-4),
+                dp.value_iteration(m, 0.9, in_place=in_place, V0=-1.0, tol=1e-4),
+            ]
+            for k, x in enumerate(solutions):
+                found[f"sweeps {k} {in_place} {name}"] = [x.V, x.Q, x.pi, x.history, [x.n_iter, x.bound, x.converged]]
+        for gamma, tol in ((0.5, 1e-9), (0.9, 1e-4)):
+            x = dp.solve(m, gamma, tol=tol)
+            found[f"solve {gamma} {name}"] = [x.V, x.Q, x.pi, [x.n_iter, x.bound]]
+        x = dp.policy_iteration(m, 0.9)
+        found[f"policy_iteration {name}"] = [x.V, x.pi, x.history]
+    found["gambler"] = [dp.value_iteration(gambler(0.4, goal=20), 1.0).history]
+    run = dyna_q(dyna_maze(), 0.95, 4, n_planning=5, alpha=0.1, epsilon=0.1, rng=np.random.default_rng(3))
+    found["dyna_q"] = [run.Q, run.returns, run.lengths]
+    return found
+
+
+def digests():
+    return {
+        name: hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in arrays)).hexdigest()
+        for name, arrays in results().items()
+    }
+
+
+def python(code, **env):
+    """Output of a fresh interpreter."""
+    env = {**os.environ, "PYTHONPATH": str(HERE), **env}
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@needs_numba
+def test_compiled_and_interpreted_results_have_the_same_bits():
+    code = "import json, test_compiled as t; assert not t.compiled.HAVE_NUMBA; print(json.dumps(t.digests()))"
+    interpreted = json.loads(python(code, RLCORE_NO_NUMBA="1"))
+    here = digests()
+    assert here.keys() == interpreted.keys() and len(here) > 60
+    assert [name for name in here if here[name] != interpreted[name]] == []
+
+
+def test_digest_sees_the_last_bit():
+    x = np.array([1.0, 2.0])
+    assert hashlib.sha256(x.tobytes()).digest() != hashlib.sha256(np.nextafter(x, 3.0).tobytes()).digest()
+    assert digests() == digests()  # same seeds, same results
+
+
+LATE = """
+from rlcore.compiled import compiled
+from rlcore.mdp import draw
+
+@compiled
+def before(cdf, rng):
+    return draw(cdf, rng) + after(cdf, rng)
+
+@compiled
+def after(cdf, rng):
+    return 10 * draw(cdf, rng)
+"""
+LINK = """
+import sys, numpy
+from rlcore import compiled, mdp
+assert isinstance(mdp.draw, compiled._Lazy) and mdp.draw.dispatcher is None
+sys.path.insert(0, {folder!r})
+cdf, rng = numpy.array([0.0, 1.0]), numpy.random.default_rng(0)
+if {first}:
+    mdp.draw(cdf, rng)
+import late
+print(late.before(cdf, rng), late.after(cdf, rng), mdp.draw(cdf, rng), type(late.before).__name__)
+"""
+
+
+@needs_numba
+@pytest.mark.parametrize("first", [False, True])
+def test_functions_of_several_modules_find_each_other(first, tmp_path):
+    """A compiled function may call one of another module, or one defined below it, whichever is called first."""
+    (tmp_path / "late.py").write_text(LATE)
+    assert python(LINK.format(folder=str(tmp_path), first=first)) == "11 10 1 CPUDispatcher\n"
+
+
+def test_plain_python_where_numba_is_switched_off():
+    code = "from rlcore import mdp; import types; print(isinstance(mdp.draw, types.FunctionType))"
+    assert python(code, RLCORE_NO_NUMBA="1") == "True\n"
+
+
+@pytest.mark.parametrize("module", ["mdp", "bellman", "dp", "planning", "envs"])
+def test_import_is_light(module):
+    """Neither numba nor torch nor matplotlib nor gymnasium is loaded before it is needed."""
+    heavy = ("numba", "torch", "matplotlib", "gymnasium", "ipywidgets")
+    code = f"import sys, rlcore.{module}; print([name for name in {heavy} if name in sys.modules])"
+    assert python(code) == "[]\n"
+
+
+def test_import_is_quick():
+    """Under 0.3 s of CPU on a quiet machine; the bar is higher here, where other tests run beside this one."""
+    code = "import rlcore.dp, rlcore.planning, resource; print(resource.getrusage(resource.RUSAGE_SELF).ru_utime)"
+    assert min(float(python(code)) for _ in range(3)) < 1.0
