@@ -140,7 +140,7 @@ def dyna_q(
 ):
     """Q-learning that also replays n_planning remembered transitions after each real one. alg-dyna, fig-12
 
-    world: FiniteMDP. n_planning = 0 is Q-learning. The model remembers the last outcome of each pair tried, so that it
+    world: FiniteMDP. n_planning = 0 is Q-learning, without a model. The model remembers the last outcome of each pair tried, so that it
     is right where the world is deterministic. alpha: in (0, 1]. epsilon: probability of a random action.
     Q0: first estimates, a number or (S, A). max_steps: an episode is cut there, as a truncation; None: never.
     kappa: a transition not tried for tau steps is replayed with its reward + kappa sqrt(tau), untried actions of states
@@ -161,7 +161,8 @@ def dyna_q(
     n_episodes, memory = check_count("n_episodes", n_episodes), _memory(*Q.shape)
     numbers = (at, gamma, n_episodes, n_planning, alpha, epsilon, float(kappa), max_steps)
     returns, lengths, history = _dyna_q(world.sampler(), later.sampler(), *numbers, Q, memory, rng)
-    return PlanningRun(returns, lengths, Q.max(axis=1), Q, soft_greedy(Q, 0.0), history, _remembered(world, memory))
+    model = _remembered(world, memory) if n_planning else None
+    return PlanningRun(returns, lengths, Q.max(axis=1), Q, soft_greedy(Q, 0.0), history, model)
 
 
 @compiled
@@ -264,6 +265,14 @@ def _features(x, a, n_actions):
     return np.hstack([x, np.eye(n_actions)[np.asarray(a, int)]])
 
 
+def simulate(model, x, actions):
+    """States (T + 1, n, d) that n runs of the model visit from x (n, d) under actions (T, n). cl-026, fig-7"""
+    path = [np.asarray(x, float)]
+    for a in np.asarray(actions):
+        path.append(model(path[-1], a))
+    return np.array(path)
+
+
 def random_shooting(model, cost, x, n_actions, *, horizon, n_candidates, rng):
     """First action of the cheapest of n_candidates random plans, each simulated `horizon` steps in the model. alg-mpc
 
@@ -272,8 +281,5 @@ def random_shooting(model, cost, x, n_actions, *, horizon, n_candidates, rng):
     """
     shape = check_count("horizon", horizon), check_count("n_candidates", n_candidates)
     plans = (check_rng(rng).random(shape) * check_count("n_actions", n_actions)).astype(int)
-    states, total = np.tile(np.asarray(x, float), (shape[1], 1)), np.zeros(shape[1])
-    for actions in plans:
-        states = model(states, actions)
-        total += cost(states)
-    return int(plans[0, total.argmin()])
+    path = simulate(model, np.tile(x, (shape[1], 1)), plans)
+    return int(plans[0, sum(cost(states) for states in path[1:]).argmin()])

@@ -37,6 +37,7 @@ from rlcore.planning import (
     random_shooting,
     replay,
     sample_transitions,
+    simulate,
 )
 from rlcore.reinforce import reinforce_linear
 from rlcore.tabular import epsilon_greedy, max_value, soft_greedy
@@ -80,13 +81,13 @@ def test_counts_converge_like_one_over_root_n():
     error = []
     for n in (1_000, 16_000):
         worst = []
-        for seed in range(10):
+        for seed in range(40):
             data = sample_transitions(robot, uniform_policy(robot), n, rng=rng(seed))
             model = estimate_model(data, 2, 3, legal=robot.legal)
             worst.append(np.abs(model.transition_probs() - robot.transition_probs()).max())
         error.append(np.mean(worst))
-    # 4 = sqrt(16); measured 3.4 to 5.5 over 20 blocks of seeds; one that forgets old data stays at 1
-    assert 2.8 < error[0] / error[1] < 6.5
+    # 4 = sqrt(16); 3.5 to 5.3 over 10 blocks of seeds; one that forgets old data stays at 1
+    assert 3 < error[0] / error[1] < 6
 
 
 def test_transitions_come_from_the_process_and_restart():
@@ -163,8 +164,8 @@ def test_behaviour_at_random_still_learns_the_optimal_values():
     mdp = random_mdp(4, 2, rng=rng(0))
     exact = value_iteration(mdp, 0.5).Q
     run = dyna_q(mdp, 0.5, 1, n_planning=0, alpha=0.005, epsilon=1.0, max_steps=400_000, rng=rng(4))
-    # worst error over 10 seeds 0.12; SARSA's fixed point (the random policy's values) is 0.67 away
-    assert np.abs(run.Q - exact).max() < 0.3
+    # worst error over 10 seeds 0.06; SARSA's fixed point (the random policy's values) is 0.40 away
+    assert np.abs(run.Q - exact).max() < 0.15
 
 
 @pytest.mark.parametrize("n_planning, episode, published, band", [
@@ -203,8 +204,8 @@ def test_bonus_finds_the_way_that_opens_and_a_stale_plan_never_does():
                          change=(1000, second), max_steps=3000, rng=child)  # fmt: skip
             totals.append(np.sum(np.cumsum(run.lengths) <= 3000))
         late.append(np.mean(totals))
-    # episodes ended by step 3000, 10 runs: 82 to 106 without bonus, 128 to 134 with it (worst over 20 blocks of seeds)
-    assert late[1] > late[0] + 10
+    # episodes ended by step 3000, 10 runs: 69 to 75 without bonus, 121 to 143 with it (5 blocks of seeds)
+    assert late[1] > late[0] + 25
 
 
 def test_a_bonus_prefers_what_was_not_tried_for_long():
@@ -276,8 +277,8 @@ def test_recorded_actions_matter_and_their_author_does_not():
     data = sample_transitions(mdp, uniform_policy(mdp), 400_000, rng=rng(1))
     labels = Transitions(data.s, (rng(2).random(data.a.size) < 0.5).astype(int), data.r, data.s_next)
     true, mislabelled = (np.abs(replay(d, 4, 2, 0.5, alpha=0.005) - exact).max() for d in (data, labels))
-    # over 10 seeds: 0.12 at worst with the true actions, 0.55 at least with random labels
-    assert true < 0.3 < mislabelled
+    # over 10 seeds: 0.16 at worst with the true actions, 0.79 at least with random labels
+    assert true < 0.4 < mislabelled
 
 
 def test_replay_is_the_q_learning_update():
@@ -296,8 +297,9 @@ def test_model_based_results_answer_predict_and_others_do_not():
     assert p[16] == 1 and r == 0
     p, r = predict(dyna, 17, 0)  # up from (1, 8): the goal
     assert p[8] == 1 and r == 1
-    with pytest.raises(ValueError, match="^run:"):
-        predict(value_iteration(maze, 0.95), 0, 0)
+    for run in (learn(maze, 3), value_iteration(maze, 0.95), cartpole_reinforce(1)):
+        with pytest.raises(ValueError, match="^run:"):
+            predict(run, 0, 0)
     with pytest.raises(ValueError, match="^s:"):
         predict(dyna, 54, 0)
 
@@ -333,7 +335,7 @@ def test_linear_model_of_the_cartpole_is_almost_exact_one_step_ahead():
     x, a, x_next = cartpole_transitions(500, rng=rng(1))
     change, error = x_next - x, linear_dynamics(W, x, a) - x_next
     unexplained = (error**2).mean(axis=0) / change.var(axis=0)
-    assert unexplained.max() < 0.01  # R^2 > 0.99 of the changes; measured 1e-4 at worst over 20 seeds
+    assert unexplained.max() < 0.01  # R^2 > 0.99 of the changes; measured 5e-5 at worst over 20 seeds
 
 
 @pytest.mark.parametrize("n", [20, 50, 100, 300])
@@ -356,6 +358,12 @@ def test_shooting_takes_the_first_action_of_the_cheapest_plan():
             lambda x, a: x + a[:, None] - 1, lambda x: np.abs(x[:, 0]), [x], 3, horizon=2, n_candidates=500, rng=rng()
         )
         assert a == best
+
+
+def test_open_loop_simulation_feeds_back_its_own_states():
+    actions = np.array([[1, 0], [1, 1], [0, 2]])
+    path = simulate(lambda x, a: 2 * x + a[:, None], [[1.0], [0.0]], actions)
+    np.testing.assert_array_equal(path[:, :, 0], [[1, 0], [3, 0], [7, 1], [14, 4]])
 
 
 def test_start_and_transitions_are_within_bounds():
@@ -382,7 +390,7 @@ def test_reinforce_balances_after_thousands_of_steps():
     for seed in range(3):
         run = cartpole_reinforce(80, seed=seed)
         last = run.lengths[-10:].mean()
-        # measured 159 to 200 over 20 seeds; random pushes 22; the gradient with its sign flipped 10
+        # measured 151 to 200 over 10 seeds; random pushes 20
         assert last > 100 and run.lengths.sum() > 2000
     assert run.history.shape == (81, 2, 4)
 

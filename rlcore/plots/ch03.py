@@ -1,0 +1,297 @@
+"""Figures of chapter 3: models, planning in them, and what learns without them."""
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import PowerNorm
+from matplotlib.patches import Rectangle
+
+from rlcore.plots.style import PALETTE, arrow, band, box, heatmap, new_diagram, new_figure
+
+BLUE, RED, GREEN, GREY, PALE = (PALETTE[c] for c in ("blue", "vermillion", "green", "grey", "light"))
+# Figure 10: group -> leaves (method, function, section of the document).
+FAMILY = {
+    "model given": [
+        ("policy evaluation", "rlcore.dp.policy_evaluation", "3.6"),
+        ("policy iteration", "rlcore.dp.policy_iteration", "3.6"),
+        ("value iteration", "rlcore.dp.value_iteration", "3.6"),
+    ],
+    "model learned": [
+        ("certainty equivalence", "rlcore.planning.certainty_equivalent_control", "3.2"),
+        ("Dyna-Q", "rlcore.planning.dyna_q", "3.2"),
+        ("random shooting", "rlcore.planning.random_shooting", "3.2"),
+    ],
+    "model-free, by values": [
+        ("Monte Carlo", "rlcore.td.mc_prediction", "4.1"),
+        ("TD(0)", "rlcore.td.td0", "4.1"),
+        ("SARSA", "rlcore.td.sarsa", "4.2"),
+        ("Q-learning", "rlcore.td.q_learning", "4.3"),
+        ("traces", "rlcore.traces.td_lambda", "4.4"),
+    ],
+    "model-free, by policies": [
+        ("REINFORCE", "rlcore.reinforce.reinforce_linear", "6"),
+        ("actor-critic", "rlcore.reinforce.actor_critic", "7"),
+        ("TRPO", "rlcore.trpo.trpo", "8"),
+        ("PPO", "rlcore.ppo.ppo", "8"),
+    ],
+}
+# Functions of FAMILY that are still to come. A test keeps this list honest: it may only become shorter.
+PLANNED = [
+    "rlcore.td.sarsa",
+    "rlcore.td.q_learning",
+    "rlcore.traces.td_lambda",
+    "rlcore.reinforce.actor_critic",
+    "rlcore.trpo.trpo",
+    "rlcore.ppo.ppo",
+]
+
+
+def loop_diagram(labels=("act", "store (s, a, r, s')", "fit the model", "plan in the model")):
+    """Four boxes in a circle: what a method does in turn. fig-7, fig-12"""
+    fig, ax = new_diagram((0, 10), (0, 5))
+    places = [(2.3, 4), (7.7, 4), (7.7, 1), (2.3, 1)]
+    for place, label, face in zip(places, labels, (PALE, PALE, BLUE, BLUE)):
+        box(ax, place, label, width=4.2, height=1.3, face=face, fontsize=13)
+    for start, end in (
+        ((4.4, 4), (5.6, 4)),
+        ((7.7, 3.35), (7.7, 1.65)),
+        ((5.6, 1), (4.4, 1)),
+        ((2.3, 1.65), (2.3, 3.35)),
+    ):
+        arrow(ax, start, end)
+    return fig
+
+
+def prediction_errors(real, predicted, k):
+    """Pole angle k steps ahead, real against predicted, and how the error grows. fig-7
+
+    real, predicted: (T + 1, n, 4) states of the same n runs under the same actions.
+    """
+    fig, (left, right) = new_figure(1, 2, width=6.6, height=3.3)
+    degrees = np.degrees(np.stack([real, predicted])[..., 2])
+    low, high = degrees[0].min(), degrees[0].max()
+    left.plot([low, high], [low, high], color=GREY, ls="-", lw=1.2)
+    left.plot(degrees[0, k], degrees[1, k], ".", color=BLUE, ms=6)
+    left.set(xlabel="real angle (degrees)", ylabel="predicted angle", title=f"{k} steps ahead")
+    error = np.sqrt(np.mean((degrees[1] - degrees[0]) ** 2, axis=1))
+    right.plot(np.arange(1, error.size), error[1:], color=RED)
+    right.plot([k], [error[k]], "o", color=RED, ms=9)
+    right.set(xlabel="steps ahead k", ylabel="error (degrees)", yscale="log", ylim=(1e-6, 3), title="root mean square")
+    return fig
+
+
+def trajectory_factors(mdp, pi, states, actions):
+    """The factors of one trajectory's probability, in order; policy and dynamics in two colours. fig-8"""
+    P = mdp.transition_probs()
+    factors = [(r"$p(s_1)$", mdp.start[states[0]], PALE)]
+    for t, (s, a) in enumerate(zip(states, actions), start=1):
+        factors.append((rf"$\pi(a_{t}|s_{t})$", pi[s, a], BLUE))
+        if t < len(states):
+            factors.append((rf"$p(s_{t + 1}|s_{t},a_{t})$", P[s, a, states[t]], RED))
+    fig, ax = new_diagram((0, 12), (0, 3.6), width=7)
+    for i, (name, value, face) in enumerate(factors):
+        place = (1.5 + 3 * (i % 4), 2.7 if i < 4 else 0.9)
+        box(ax, place, f"{name}\n{value:g}", width=2.7, height=1.4, face=face, fontsize=13)
+    return fig
+
+
+def trajectory_bars(states, actions, prob, totals, expected):
+    """Probability of every possible trajectory, ordered by its sum of rewards, and the expected sum. fig-8"""
+    order = np.lexsort((np.arange(prob.size), totals))
+    order = order[states[order, 0] == 0]  # those that begin in the start state
+    fig, (top, bottom) = new_figure(2, 1, height=4.2, sharex=True, height_ratios=[2, 1])
+    top.bar(np.arange(order.size), prob[order], color=BLUE, width=0.85)
+    top.set(ylabel="probability", ylim=(0, 0.85))
+    bottom.step(np.arange(order.size), totals[order], where="mid", color=GREY, ls="-")
+    bottom.axhline(expected, color=RED, ls="--")
+    bottom.set(ylabel="reward sum", xlabel=f"the {order.size} trajectories; expected sum {expected:.3f} (dashed)")
+    return fig
+
+
+def model_and_policy(mdp, pi, a):
+    """p(s'|s, a) for each action, action a in front, beside pi(a|s). fig-9"""
+    P, A = mdp.transition_probs(), mdp.n_actions
+    fig, axes = new_figure(1, A + 1, width=7.4, height=2.9, width_ratios=[2] * A + [2.6])
+    for b, ax in enumerate(axes[:-1]):
+        rows = np.where(mdp.legal[:, [b]], P[:, b], np.nan)
+        heatmap(ax, rows, fmt="{:.1f}", vmin=0, vmax=1, fontsize=14 if b == a else 11)
+        ax.set_title(mdp.action_names[b], color=RED if b == a else GREY, fontweight="bold" if b == a else "normal")
+        ax.set(xticks=range(2), xticklabels=mdp.state_names, xlabel="next state")
+        ax.patch.set_alpha(0)
+        for side in ax.spines.values():
+            side.set(visible=b == a, color=RED, linewidth=3)
+    axes[0].set(yticks=range(2), yticklabels=mdp.state_names, ylabel="state")
+    heatmap(axes[-1], np.where(mdp.legal, pi, np.nan), fmt="{:.2f}", vmin=0, vmax=1)
+    axes[-1].set(xticks=range(A), title="policy")
+    axes[-1].set_xticklabels(mdp.action_names, rotation=30, ha="right", fontsize=11)
+    return fig
+
+
+def family_tree(leaf=None):
+    """Methods of the book by what they know and what they learn; dashed: still to come. fig-10
+
+    leaf: the method whose section and function are written below.
+    """
+    fig, ax = new_diagram((0, 12), (-1.2, 10.7), width=7)
+    y, note = 10.2, "choose a method"
+    for group, leaves in FAMILY.items():
+        middle = y - 0.66 * (len(leaves) - 1) / 2
+        box(ax, (2.6, middle), group, width=5.0, height=0.75, face=PALE, fontsize=12)
+        for name, function, section in leaves:
+            chosen, planned = name == leaf, function in PLANNED
+            ax.plot([5.1, 6.6], [middle, y], color=GREY, ls="-", lw=1.2, zorder=0)
+            box(ax, (9.1, y), name, width=5.0, height=0.58, face=BLUE if chosen else "white", fontsize=12,
+                edge=GREY if planned else PALETTE["black"])  # fmt: skip
+            ax.patches[-1].set_linestyle("--" if planned else "-")
+            if chosen:
+                note = f"section {section}: {'planned, ' if planned else ''}{function}"
+            y -= 0.66
+        y -= 0.25
+    ax.text(6, -0.75, note, ha="center", va="center", fontsize=12, color=BLUE)
+    return fig
+
+
+def descent_path(C, path, epsilon, ax=None):
+    """Points of gradient descent on the curve C. fig-11"""
+    fig, ax = (None, ax) if ax is not None else new_figure()
+    v = np.linspace(-3, 3, 200)
+    ax.plot(v, C(v), color=GREY, ls="-")
+    shown = path[np.abs(path) <= 3.5]
+    ax.plot(shown, C(shown), "o-", color=BLUE, lw=1.2, ms=5)
+    ax.plot(path[0], C(path[0]), "s", color=RED, ms=9)
+    ax.set(xlim=(-3, 3), ylim=(C(v).min() - 0.3, min(C(v).max(), 6)), xlabel="v", ylabel="C(v)")
+    last = f"{path[-1]:.4f}" if abs(path[-1]) < 1e3 else "beyond 1000"
+    ax.set_title(rf"$\epsilon$ = {epsilon:g}: $v_{{{path.size - 1}}}$ = {last}")
+    return fig
+
+
+def descent_panels(C, paths):
+    """Several learning rates side by side; paths: {epsilon: path}. fig-11"""
+    fig, axes = new_figure(2, 2, width=7, height=5.2, sharex=True, sharey=True)
+    for ax, (epsilon, path) in zip(axes.flat, paths.items()):
+        descent_path(C, path, epsilon, ax)
+    for ax in axes.flat:
+        ax.label_outer()
+    return fig
+
+
+def q_table(Q, mdp, shape, *, flash=None, title="", ax=None, vmax=1.0):
+    """A Q-table of a maze: each cell in four triangles, one an action (up, down, right, left). fig-12
+
+    Q: (S, 4). shape: rows and columns. flash: (s, a), drawn in red. Walls are grey, S is the start, G the goal.
+    """
+    fig, ax = (None, ax) if ax is not None else new_figure(width=6.4, height=4.3)
+    corners = np.array([[(-0.5, -0.5), (0.5, -0.5)], [(0.5, 0.5), (-0.5, 0.5)], [(0.5, -0.5), (0.5, 0.5)],
+                        [(-0.5, 0.5), (-0.5, -0.5)]])  # fmt: skip
+    triangles = np.concatenate([corners, np.zeros((4, 1, 2))], axis=1)
+    centres = np.stack(np.divmod(np.arange(mdp.n_states), shape[1])[::-1], axis=1)
+    cells = centres[:, None, None, :] + triangles
+    picture = PolyCollection(cells.reshape(-1, 3, 2), array=np.ravel(Q), cmap="YlGnBu", lw=0.4, ec="#BBBBBB")
+    picture.set_norm(PowerNorm(0.5, 0, vmax))  # so that the first small values show
+    ax.add_collection(picture)
+    if flash is not None:
+        ax.add_collection(PolyCollection([cells[flash]], fc=RED, ec=RED, lw=2))
+    for s, (x, y) in enumerate(centres):
+        if (mdp.next_state[s] == s).all() and not mdp.terminal[s]:
+            ax.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc="#9A9A9A", ec="white"))
+        elif text := "S" * int(mdp.start[s] > 0) + "G" * int(mdp.terminal[s]):
+            ax.text(
+                x, y, text, ha="center", va="center", fontweight="bold", bbox={"fc": "white", "ec": "none", "pad": 1}
+            )
+    ax.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5), aspect="equal", xticks=[], yticks=[], title=title)
+    ax.grid(False)
+    return fig if fig is not None else picture
+
+
+def q_tables(history, episodes, mdp, shape):
+    """The Q-table after several numbers of episodes. fig-12"""
+    fig, axes = new_figure(2, 2, width=7.2, height=5.2)
+    for ax, k in zip(axes.flat, episodes):
+        word = "episode" if k == 1 else "episodes"
+        picture = q_table(history[k], mdp, shape, title=f"after {k} {word}", ax=ax)
+    fig.colorbar(picture, ax=axes, shrink=0.8, label="Q(s, a)")
+    return fig
+
+
+def learning_curves(lengths, *, ylabel="steps per episode", log=True, ylim=None, x=None, xlabel="episode"):
+    """Mean over runs with the middle half of the runs; lengths: {label: (n_runs, n)}."""
+    fig, ax = new_figure()
+    for label, values in lengths.items():
+        values = np.asarray(values, float)
+        at = np.arange(1, values.shape[1] + 1) if x is None else x
+        band(ax, at, values.mean(axis=0), np.percentile(values, [25, 75], axis=0), label)
+    ax.set(xlabel=xlabel, ylabel=ylabel, yscale="log" if log else "linear", ylim=ylim)
+    ax.legend()
+    return fig
+
+
+def decay(errors, *, xlabel, ylabel, reference=None, log_x=True):
+    """Errors {label: (x, y)} on log axes, with a reference line {label: (x, y)} in grey. alg-model-learning, fig-13"""
+    fig, ax = new_figure()
+    for label, (x, y) in errors.items():
+        ax.plot(x, y, label=label)
+    for label, (x, y) in (reference or {}).items():
+        ax.plot(x, y, color=GREY, ls="-", lw=1.2, label=label)
+    ax.set(xlabel=xlabel, ylabel=ylabel, yscale="log", xscale="log" if log_x else "linear")
+    ax.legend()
+    return fig
+
+
+def cart_pole_costs(run_lengths, n_fit):
+    """Length of each REINFORCE episode against the transitions used so far, one line a seed. ex-model-based"""
+    fig, ax = new_figure()
+    for lengths in run_lengths:
+        smooth = np.convolve(lengths, np.ones(10) / 10, "valid")
+        ax.plot(np.cumsum(lengths)[9:], smooth, color=BLUE, ls="-", lw=1.2)
+    ax.plot([], [], color=BLUE, ls="-", label="REINFORCE, mean of 10 episodes")
+    ax.axvline(n_fit, color=RED, ls="--", label=f"shooting: model from {n_fit} transitions, 200 steps")
+    ax.plot([n_fit], [200], "o", color=RED, ms=9)
+    ax.set(xscale="log", xlabel="real transitions used (log scale)", ylabel="steps balanced", ylim=(0, 255))
+    ax.legend(loc="upper left")
+    return fig
+
+
+def rewards_over_time(curves, change):
+    """Cumulative reward against real steps, with the change marked; curves: {label: (n_runs, n)}. ex-model-wrong"""
+    fig, ax = new_figure()
+    for label, values in curves.items():
+        values = np.asarray(values, float)
+        x = np.linspace(0, 3000, values.shape[1])
+        band(ax, x, values.mean(axis=0), np.percentile(values, [25, 75], axis=0), label)
+    ax.axvline(change, color=GREY, ls="-", lw=1.2)
+    ax.text(change - 40, ax.get_ylim()[1] * 0.55, "the passage\nmoves", color=GREY, ha="right")
+    ax.set(xlabel="real steps", ylabel="rewards so far")
+    ax.legend(loc="upper left")
+    return fig
+
+
+def spread_by_setting(x, values, *, xlabel, ylabel):
+    """Mean and spread over runs at each setting; values: (n_settings, n_runs). ex-explore"""
+    fig, ax = new_figure()
+    band(ax, range(len(x)), np.mean(values, axis=1), np.percentile(values, [25, 75], axis=1), "", marker="o")
+    ax.set(xlabel=xlabel, ylabel=ylabel, xticks=range(len(x)), xticklabels=[f"{v:g}" for v in x])
+    return fig
+
+
+def sweep_values(V, shape, title):
+    """Values of a grid after some sweeps. alg-policy-evaluation"""
+    fig, ax = new_figure(width=4.6, height=4.2)
+    heatmap(ax, V.reshape(shape), fmt="{:.2f}", vmin=-22, vmax=0, fontsize=13)
+    ax.set_title(title)
+    return fig
+
+
+def value_iteration_progress(V, shape, errors, gamma, k):
+    """Left: V_k of a grid. Right: error of V_k on the random process, against the bound gamma^k. fig-13
+
+    errors: (n,) largest error after 0, 1, ... sweeps.
+    """
+    fig, (left, right) = new_figure(1, 2, width=7, height=3.4, width_ratios=[1, 1.25])
+    heatmap(left, V.reshape(shape), fmt="{:.2f}", vmin=-3, vmax=0)
+    left.set_title(f"$V_{{{k}}}$, $\\gamma$ = {gamma:g}")
+    x = np.arange(min(errors.size, 101))
+    right.plot(x, gamma**x * errors[0], color=GREY, ls="-", lw=1.2, label=r"bound $\gamma^k$")
+    right.plot(x, errors[: x.size], color=BLUE, label="error")
+    right.plot([k], [errors[k]], "o", color=RED, ms=9) if k < errors.size else None
+    right.set(yscale="log", ylim=(1e-9, 100), xlim=(-2, 102), xlabel="sweeps k", ylabel="largest error")
+    right.legend(loc="lower left" if gamma > 0.6 else "upper right")
+    return fig
