@@ -3,6 +3,8 @@
     python tests/mutation.py [module ...]     mdp bellman dp planning _solve; all of them where none is named
     python tests/mutation.py --again          forget earlier results
     python tests/mutation.py --list           print the changes without running anything
+    python tests/mutation.py --report         what is known from earlier runs
+    python tests/mutation.py --sample         only the update lines named in SAMPLE, in a few seconds
 
 Each change (a mutant) is made in a scratch copy and the tests of that module run on it, interpreted, until one fails.
 Results are kept in _build/mutation/, one line a mutant, so that a run can be stopped and resumed: a mutant is run again
@@ -13,6 +15,7 @@ change a result are listed with the reason in tests/mutation_allowed.txt. Exit s
 import ast
 import hashlib
 import importlib
+import itertools
 import json
 import os
 import resource
@@ -46,6 +49,24 @@ NAMES = {
     "zeros": "ones", "sum": "max", "cumsum": "cumprod", "sqrt": "square", "maximum": "minimum", "minimum": "maximum",
     "isfinite": "isnan", "flatnonzero": "atleast_1d", "abs": "asarray", "True": "False", "False": "True",
 }  # fmt: skip
+
+BACKUP = "(reward[s, a, k] + gamma * V[next_state[s, a, k]])"
+SAMPLE = [  # (module, part of a line, what it is broken to, the test that must notice)
+    ("dp", f"{BACKUP}  # eq-12", BACKUP.replace("gamma * ", ""), "test_dp::test_sweeps_are_backups"),
+    ("dp", f"{BACKUP}  # eq-15", BACKUP.replace("+", "-"), "test_dp::test_sweeps_are_backups"),
+    ("dp", "best = max(best, q)  # eq-16", "best = min(best, q)", "test_dp::test_sweeps_are_backups"),
+    ("dp", "V_new if in_place else V, V_new)", "V, V_new)", "test_dp::test_sweeps_are_backups"),
+    ("dp", "np.where(keep[:, None], pi, pi_new)", "pi_new", "test_dp::test_improvement_keeps_a_row_that_is_greedy"),
+    ("dp", "residual / (1 - gamma)", "residual", "test_dp::test_bound_is_tight_where_the_error_is_known"),
+    ("bellman", "gamma * V[mdp.next_state]", "V[mdp.next_state]", "test_bellman::test_backups_are_the_sums"),
+    ("bellman", "check_q(mdp, Q).max(", "check_q(mdp, Q).min(", "test_bellman::test_backups_are_the_sums"),
+    ("bellman", "eye_array(go.size) -", "eye_array(go.size) +", "test_bellman::test_sparse_and_dense_solution"),
+    ("bellman", "np.eye(go.size) -", "np.eye(go.size) +", "test_bellman::test_values_in_closed_form"),
+    ("mdp", "rewards[t] + gamma * G[t + 1]", "rewards[t] + gamma * rewards[t]", "test_mdp::test_worked_return"),
+    ("mdp", "gamma ** (k - t - 1)", "gamma ** (k - t)", "test_mdp::test_worked_return"),
+    ("mdp", "discount *= gamma", "discount = gamma", "test_mdp::test_sampled_returns_of_a_certain_process"),
+    ("mdp", "while cdf[k] <= u:", "while cdf[k] < u:", "test_mdp::test_draw_inverts_the_cumulative_probabilities"),
+]  # fmt: skip
 
 
 def mutants(tree):
@@ -149,25 +170,26 @@ def _of_statements(node):
                 yield statement, "statement dropped", _set(node, field, dropped)
 
 
-def plan(module):
-    """Every mutant of a module as (name, line number, digest of the function it is in, source)."""
-    path = ROOT / "rlcore" / f"{module}.py"
-    text = path.read_text()
-    lines = text.splitlines()
-    total = sum(1 for _ in mutants(ast.parse(text)))
-    seen, found = {}, []
-    for i in range(total):
+def lines(module):
+    """Every mutant of a module as (line number, name); the name is the line and what is done to it."""
+    text = (ROOT / "rlcore" / f"{module}.py").read_text()
+    seen = {}
+    for node, label, _ in mutants(ast.parse(text)):
+        name = f"{module}: {text.splitlines()[node.lineno - 1].strip()} | {label}"
+        seen[name] = seen.get(name, 0) + 1
+        yield node.lineno, name if seen[name] == 1 else f"{name} #{seen[name]}"
+
+
+def plan(module, first=0, step=1):
+    """Mutants first, first + step, ... as (name, line number, digest of the function it is in, source)."""
+    text = (ROOT / "rlcore" / f"{module}.py").read_text()
+    for i, (number, name) in list(enumerate(lines(module)))[first::step]:
         tree = ast.parse(text)
-        node, label, change = next(m for k, m in enumerate(mutants(tree)) if k == i)
-        number, line = node.lineno, lines[node.lineno - 1].strip()
-        where = f"{module}: {line} | {label}"
-        seen[where] = seen.get(where, 0) + 1
+        _, _, change = next(itertools.islice(mutants(tree), i, None))
         change()
         source = ast.unparse(ast.fix_missing_locations(tree)) + "\n\ndef _same(x):\n    return x\n"
         digest = hashlib.sha256(ast.unparse(_function_of(tree, number)).encode()).hexdigest()[:12]
-        name = where if seen[where] == 1 else f"{where} #{seen[where]}"
-        found.append((name, number, digest, source))
-    return found
+        yield name, number, digest, source
 
 
 def _function_of(tree, number):
@@ -219,7 +241,9 @@ def run_tests(folder, tests, limit):
         status = 3
         try:
             assert str(folder) in importlib.util.find_spec("rlcore").origin
-            files = [f"tests/{name}.py" for name in tests.split() if (folder / f"tests/{name}.py").exists()]
+            names = [name.partition("::") for name in tests.split()]
+            files = [f"tests/{file}.py{colons}{test}" for file, colons, test in names]
+            files = [name for name in files if (folder / name.split("::")[0]).exists()]
             status = int(pytest.main(["-x", "-q", "--assert=plain", "--no-header", *files]))
         finally:
             os._exit(status)
@@ -249,7 +273,7 @@ def work(worker, workers, modules):
         for module in modules:
             path, tests, mark = folder / "rlcore" / f"{module}.py", TESTS[module], fingerprint(folder, module)
             original = path.read_text()
-            for name, number, digest, source in plan(module)[worker::workers]:
+            for name, number, digest, source in plan(module, worker, workers):
                 before = done.get(name, {})
                 # a mutant once killed stays killed while its source is the same; a survivor meets every new test
                 if before.get("digest") == digest and (before["killed"] or before["mark"] == mark):
@@ -261,6 +285,23 @@ def work(worker, workers, modules):
                 out.write(json.dumps(row | {"seconds": round(time.monotonic() - start, 1)}) + "\n")
                 out.flush()
             path.write_text(original)
+
+
+def sample():
+    """Exit status 1 unless every change of SAMPLE makes a test fail."""
+    folder, alive = scratch("-sample"), []
+    preload()
+    for module, line, broken, test in SAMPLE:
+        path = folder / "rlcore" / f"{module}.py"
+        original = path.read_text()
+        if line not in original:
+            sys.exit(f"{module}: {line!r} is no longer there")
+        path.write_text(original.replace(line, broken))
+        if run_tests(folder, test, TIME_LIMIT) != 1:
+            alive.append(f"{module}: {line}")
+        path.write_text(original)
+    print(f"{len(SAMPLE) - len(alive)} of {len(SAMPLE)} noticed", *alive, sep="\n")
+    return 1 if alive else 0
 
 
 def results():
@@ -288,7 +329,7 @@ def healthy(modules):
 
 def report(modules):
     found, excused = results(), allowed()
-    names = {module: [m[0] for m in plan(module)] for module in modules}
+    names = {module: [name for _, name in lines(module)] for module in modules}
     left = []
     for module in modules:
         rows = [found[name] for name in names[module] if name in found]
@@ -311,7 +352,7 @@ def report(modules):
 def main(arguments):
     modules = [a for a in arguments if not a.startswith("-")] or list(TESTS)
     if "--list" in arguments:
-        for name, number, *_ in (m for module in modules for m in plan(module)):
+        for number, name in (row for module in modules for row in lines(module)):
             print(number, name)
         return 0
     if "--report" in arguments:
@@ -326,6 +367,8 @@ def main(arguments):
         OMP_NUM_THREADS="1",
         PYTEST_DISABLE_PLUGIN_AUTOLOAD="1",
     )
+    if "--sample" in arguments:
+        return sample()
     if "--worker" in arguments:
         number = int(arguments[arguments.index("--worker") + 1])
         work(number, 2, [m for m in modules if m in TESTS])

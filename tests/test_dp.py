@@ -122,7 +122,7 @@ def test_improvement_of_the_uniform_policy_is_optimal_on_the_4x4_grid():
     assert_allclose(solve_policy(grid, policy_improvement(grid, v, 1.0), 1.0), STEPS)
 
 
-def test_improvement_keeps_a_row_that_is_greedy_already():
+def test_improvement_keeps_a_row_that_is_greedy():
     grid = gridworld()
     pi = np.zeros((16, 4))
     pi[:, 3] = 1.0  # left, which is one of several best actions in half of the states

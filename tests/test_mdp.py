@@ -327,7 +327,7 @@ def test_mean_return_is_the_value():
     assert abs(G.mean() - q) < 4 * G.std() / np.sqrt(20_000) < 0.1  # with a ignored: 0.66 off
 
 
-def test_sampled_returns_of_a_certain_process_are_exact():
+def test_sampled_returns_of_a_certain_process():
     m, rewards = chain([1.0, 2.0, -4.0, 8.0]), [1.0, 2.0, -4.0, 8.0]
     pi, rng = uniform_policy(m), np.random.default_rng(0)
     G = sample_returns(m, pi, 0.5, 3, s=0, max_steps=10, rng=rng)
