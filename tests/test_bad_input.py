@@ -13,6 +13,7 @@ from rlcore.mdp import FiniteMDP, uniform_policy
 ROBOT = envs.recycling_robot()  # 2 states, 3 actions; action 2 is not legal in state 0
 PI = uniform_policy(ROBOT)
 ILLEGAL = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
+ONE_NAN = [[0.0, float("nan"), 1.0], [0.0, 0.0, 0.0]]
 RNG = np.random.default_rng(0)
 nan, inf = float("nan"), float("inf")
 ARRAYS = dict(
@@ -218,11 +219,14 @@ CASES = {
     "infinite V to bound for pi": (lambda: dp.policy_error_bound(ROBOT, PI, inf, 0.9), "V: contains inf", "finite"),
     "V to bound for pi": (lambda: dp.policy_error_bound(ROBOT, PI, [0.0], 0.9), "V: got shape (1,)", "(2,)"),
     "Q of a wrong shape": (lambda: bellman.optimality_backup_q(ROBOT, PI.T, 0.9), "Q: got shape (3, 2)", "(2, 3)"),
-    "Q with nan": (lambda: bellman.expectation_backup_q(ROBOT, PI, PI * nan, 0.9), "Q: contains NaN", "numbers"),
+    "Q with nan": (lambda: bellman.expectation_backup_q(ROBOT, PI, ONE_NAN, 0.9), "Q: contains NaN", "numbers"),
     "Q that is a row": (lambda: bellman.greedy([1.0, 2.0]), "Q: got shape (2,)", "(S, A)"),
     "Q without actions": (lambda: bellman.greedy_actions(np.zeros((2, 0))), "Q: got shape (2, 0)", "(S, A)"),
-    "Q with nan to act on": (lambda: bellman.greedy([[nan]]), "Q: got shape (1, 1) with NaN", "numbers"),
+    "Q with nan to act on": (lambda: bellman.greedy(ONE_NAN), "Q: got shape (2, 3) with NaN", "numbers"),
     "Q in words": (lambda: bellman.greedy("best"), "Q: got 'best'", "numbers"),
+    "Q in words to back up": (lambda: bellman.optimality_backup_q(ROBOT, "Q", 0.9), "Q: got 'Q'", "numbers"),
+    "a margin without end": (lambda: bellman.greedy_actions([[0.0]], tol=inf), "tol: got inf", "at least 0"),
+    "a margin in words": (lambda: bellman.greedy_actions([[0.0]], tol="none"), "tol: got 'none'", "at least 0"),
     "a margin below 0": (lambda: bellman.greedy_actions([[0.0]], tol=-1.0), "tol: got -1.0", "at least 0"),
     # how much
     "tol 0": (lambda: dp.policy_evaluation(ROBOT, PI, 0.9, tol=0), "tol: got 0", "positive"),

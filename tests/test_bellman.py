@@ -150,7 +150,7 @@ def test_sparse_and_dense_solution():
 def test_proper_means_that_the_end_is_certain():
     m = stay_or_go()
     stay, go, either = ([[1.0 - p, p], [1.0, 0.0]] for p in (0.0, 1.0, 0.01))
-    assert not is_proper(m, stay) and is_proper(m, go) and is_proper(m, either)
+    assert [is_proper(m, pi) for pi in (stay, go, either)] == [False, True, True] and is_proper(m, go) is True
     assert_allclose(solve_policy(m, either, 1.0), [-1.0, 0.0])
     assert_allclose(solve_policy(m, stay, 0.9), 0.0)
     with pytest.raises(ValueError, match="pi: never terminates from state 0"):
