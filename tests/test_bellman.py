@@ -156,6 +156,8 @@ def test_proper_means_that_the_end_is_certain():
     with pytest.raises(ValueError, match="pi: never terminates from state 0"):
         solve_policy(m, stay, 1.0)
     assert not is_proper(loop(), [[1.0]])
+    with pytest.raises(ValueError, match="pi: never terminates from state 0,"):
+        solve_policy(loop(n_states=3), np.ones((3, 1)), 1.0)  # none ends: the first is named
     trap = FiniteMDP.from_outcomes({(0, 0): [(0.5, 2, 0.0), (0.5, 1, 0.0)], (1, 0): [(1.0, 1, 1.0)]})
     assert not is_proper(trap, np.ones((3, 1)))  # reaching the end sometimes is not enough
     with pytest.raises(ValueError, match="pi: never terminates from state 1"):
