@@ -125,7 +125,6 @@ class FiniteMDP:
         prob = np.take_along_axis(P, order, axis=2)
         legal = (prob > 0).any(axis=2) | terminal[:, None]
         reward = np.where(prob > 0, np.take_along_axis(R, order, axis=2), 0.0)
-        prob, order = prob.copy(), order.copy()
         prob[terminal], prob[terminal, :, 0], order[terminal] = 0.0, 1.0, np.flatnonzero(terminal)[:, None, None]
         return cls(order, prob, reward, legal, terminal, _start(start, terminal), state_names, action_names)
 

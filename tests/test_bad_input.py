@@ -185,6 +185,7 @@ CASES = {
     ),
     "environment to solve": (lambda: dp.policy_iteration(envs.MDPEnv(ROBOT), 0.9), "mdp: got MDPEnv", "FiniteMDP"),
     "nothing to evaluate": (lambda: dp.policy_evaluation(None, PI, 0.9), "mdp: got NoneType", "FiniteMDP"),
+    "nothing to act in": (lambda: mdp.deterministic_policy(None, [0]), "mdp: got NoneType", "FiniteMDP"),
     "nothing to back up": (lambda: bellman.optimality_backup_q(None, PI, 0.9), "mdp: got NoneType", "FiniteMDP"),
     "nothing to search": (lambda: bellman.heuristic_search(None, 0, 1, 0.9), "mdp: got NoneType", "FiniteMDP"),
     "weights for another table": (lambda: bellman.v_from_q(np.zeros((2, 2)), PI), "pi: got shape (2, 3)", "(2, 2)"),

@@ -234,6 +234,7 @@ def test_greedy_takes_the_first_maximum_and_greedy_actions_all():
     assert greedy_actions(Q, tol=1e-5).all(axis=1).tolist() == [False, False, True]
     large = np.array([[1e6, 1e6 - 1e-4]])
     assert greedy_actions(large).all() and greedy_actions(-large).all()  # the margin is relative to the maximum
+    assert not greedy_actions([[0.0, -1.5e-9]]).all() and not greedy_actions([[1.0, 1 - 2.5e-9]]).all()
     assert greedy_actions([[0.0, -1e-10]]).all() and not greedy_actions([[0.0, -1e-8]]).all()
 
 
