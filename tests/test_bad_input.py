@@ -57,6 +57,7 @@ CASES = {
     # the process itself
     "prob of two dimensions": (arrays(prob=[[1.0], [1.0]]), "prob: got shape (2, 1)", "must be (S, A, K)"),
     "no states": (arrays(prob=np.zeros((0, 1, 1))), "prob: got shape (0, 1, 1)", "at least 1"),
+    "next_state of another shape": (arrays(next_state=[[1], [1]]), "next_state: got shape (2, 1)", "(2, 1, 1)"),
     "reward of another shape": (arrays(reward=[[[0.0, 1.0]]] * 2), "reward: got shape (2, 1, 2)", "(2, 1, 1)"),
     "legal of another shape": (arrays(legal=[True, True]), "legal: got shape (2,)", "must be (2, 1)"),
     "terminal of another shape": (arrays(terminal=[True]), "terminal: got shape (1,)", "must be (2,)"),
