@@ -19,7 +19,7 @@ from rlcore.results import Solution
 ULP = float(np.finfo(float).eps) / 2  # relative error of one operation
 SUM_TOL = 1e-9  # by how much FiniteMDP allows the probabilities of a pair to miss 1
 SWEEPS, QUEUE, POLICIES = 0, 1, 2  # the three ways
-STAND = 3  # sweeps for which a policy stands
+STAND = 4  # sweeps for which a policy stands
 WINDOW = 6  # times that actions are compared before the contraction of the span is judged
 PATIENCE = 10.0  # windows that it may still need; where it needs more, the queue takes over
 QUEUE_CAP = 400  # backups a state, and a million in all, after which policies take over from the queue
@@ -303,7 +303,21 @@ def _predecessors(next_state, prob):
 def _is_dense(mdp):
     """Whether every row lists all states in order, so that a sweep is one matrix product."""
     S, A, K = mdp.prob.shape
-    return K == S > 64 and bool((mdp.next_state == np.arange(S, dtype=np.int32)).all())
+    return K == S > 64 and _in_order(mdp.next_state)
+
+
+@compiled
+def _in_order(next_state):
+    """Without the (S, A, S) booleans that NumPy would need: 3x."""
+    S, A, K = next_state.shape
+    for s in range(S):
+        wrong = 0
+        for a in range(A):
+            for k in range(K):
+                wrong |= next_state[s, a, k] ^ k
+        if wrong != 0:
+            return False
+    return True
 
 
 def _solve_dense(mdp, gamma, tol):
