@@ -12,6 +12,8 @@ from rlcore.compiled import HAVE_NUMBA
 from rlcore.envs import gridworld, random_mdp, random_walk, recycling_robot
 from rlcore.mdp import (
     FiniteMDP,
+    check_count,
+    check_gamma,
     check_policy,
     check_values,
     cumulative,
@@ -77,7 +79,9 @@ def test_probabilities_sum_to_one(mdp):
 def test_marginals_are_sums_over_the_four_arguments(mdp):
     rng = np.random.default_rng(0)
     rewards = np.unique(mdp.reward)
-    P, r, r_next = mdp.transition_probs(), mdp.expected_reward(), mdp.expected_reward_sas()
+    P, r = mdp.transition_probs(), mdp.expected_reward()
+    with np.errstate(all="raise"):  # nothing is divided by 0 on the way
+        r_next = mdp.expected_reward_sas()
     for s, a in zip(rng.integers(mdp.n_states, size=5), rng.integers(mdp.n_actions, size=5)):
         if not mdp.legal[s, a]:
             assert not P[s, a].any() and r[s, a] == 0 and np.isnan(r_next[s, a]).all()
@@ -167,6 +171,8 @@ def test_from_arrays_makes_terminal_states_absorbing():
     assert_array_equal(m.expected_reward(), [[7.0, 0.0], [7.0, 7.0], [0.0, 0.0]])
     assert_array_equal(m.transition_probs()[2], [[0, 0, 1]] * 2)
     assert not FiniteMDP.from_arrays(P, P).terminal.any()
+    named = FiniteMDP.from_arrays(P, P, start=0, state_names=("a", "b", "c"), action_names=["x", "y"])
+    assert named.state_names == ("a", "b", "c") and named.action_names == ("x", "y")
 
 
 def test_arrays_are_read_only_and_typed(mdp):
@@ -265,6 +271,11 @@ def test_absorbing_state_changes_no_return(gamma):
     assert_allclose(discounted_returns(rewards, gamma)[2], discounted_return(rewards, gamma, t=2), rtol=1e-13)
 
 
+def test_numbers_come_back_as_plain_numbers():
+    assert type(check_gamma(1)) is float and type(check_count("n", 3.0)) is int
+    assert type(discounted_return([1, 2], 1)) is float and type(recycling_robot().p(0, 2.0, 0, 0)) is float
+
+
 def test_no_rewards_no_return():
     assert discounted_return([], 0.9) == 0.0 and discounted_returns([], 0.9).shape == (0,)
 
@@ -294,6 +305,13 @@ def test_trajectory_ends_at_the_terminal_state():
     assert_array_equal(rollout(m, uniform_policy(m), 9, s=2, rng=np.random.default_rng(0)).states, [2, 3])
     assert rollout(m, uniform_policy(m), 1, s=0, rng=np.random.default_rng(0)).states.tolist() == [0, 1]
     assert rollout(m, uniform_policy(m), 4, s=3, rng=np.random.default_rng(0)).states.tolist() == [3]
+
+
+def test_rollout_starts_where_it_is_told():
+    m = FiniteMDP.from_outcomes({(0, 0): [(1.0, 2, 5.0)], (1, 0): [(1.0, 2, 7.0)]}, start=1)
+    pi = uniform_policy(m)
+    assert rollout(m, pi, 1.0, s=0, rng=np.random.default_rng(0)).rewards.tolist() == [5.0]
+    assert rollout(m, pi, 1, rng=np.random.default_rng(0)).rewards.tolist() == [7.0]
 
 
 def test_same_seed_same_trajectory():
