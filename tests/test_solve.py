@@ -291,9 +291,9 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 def test_memory_at_100_000_states():
     """Process, solver and interpreter together; pymdptoolbox asks for 74 GiB."""
-    solve(random_mdp(9, 2, n_next=3, rng=np.random.default_rng(0)), 0.99)  # compiling takes 170 MiB more, once
-    found = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True)
-    assert int(found.stdout) / 1024 < 300  # MiB; measured: about 230
+    run = [sys.executable, "-c", MEMORY]  # twice, for the first may have to compile, which takes 180 MiB more
+    found = [int(subprocess.run(run, capture_output=True, text=True, check=True).stdout) / 1024 for _ in range(2)]
+    assert min(found) < 300  # MiB; measured: 233
 
 
 # ---------------------------------------------------------------------- one source, two speeds; bad calls
