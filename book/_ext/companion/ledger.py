@@ -209,7 +209,8 @@ class Errata(SphinxDirective):
             section = nodes.section("", nodes.title("", f"Chapter {chapter}: {CHAPTERS[chapter]}"))
             section["ids"] = [f"errata-{chapter}"]
             body = [self.line(path.stem, numbers, text) for numbers, text in errata(path)]
-            out.append(section + table(["No.", "What is right"], body, ["errata"]))
+            section += table(["No.", "What is right"], body, ["errata"])
+            out.append(section)
         return out
 
     def line(self, page, numbers, text):
