@@ -100,8 +100,8 @@ class FiniteMDP:
     def from_arrays(cls, P, R, *, terminal=None, start=None, state_names=None, action_names=None):
         """Build from P (S, A, S) = p(s'|s, a) and R, either r(s, a) of shape (S, A) or r(s, a, s') of shape (S, A, S).
 
-        A row of zeros in P means that the action is not in A(s). terminal: (S,) bool, default none; their rows of P
-        may be zeros, their rewards must be.
+        A row of zeros in P means that the action is not in A(s); R does not matter where P is 0. terminal: (S,) bool,
+        default none; their rows of P may be zeros, their rewards must be.
         """
         P, R = as_floats("P", P), as_floats("R", R)
         if P.ndim != 3 or P.shape[0] != P.shape[2] or 0 in P.shape:
@@ -115,7 +115,9 @@ class FiniteMDP:
         terminal = np.zeros(len(P), bool) if terminal is None else as_floats("terminal", terminal).astype(bool)
         if terminal.shape != (len(P),):
             raise ValueError(f"terminal: got shape {terminal.shape}, must be ({len(P)},)")
-        bad = terminal[:, None, None] & ((R != 0) | (P > 0) & (np.arange(len(P)) != np.arange(len(P))[:, None, None]))
+        bad = terminal[:, None, None] & (
+            (np.nan_to_num(R) != 0) | (P > 0) & (np.arange(len(P)) != np.arange(len(P))[:, None, None])
+        )
         if bad.any():
             s, a, s_next = np.argwhere(bad)[0]
             name, value = ("R", R[s, a, s_next]) if R[s, a, s_next] else ("P", P[s, a, s_next])

@@ -153,7 +153,7 @@ def test_start_is_a_state_or_a_distribution():
 
 
 def test_from_arrays_inverts_the_views(mdp):
-    P, R = mdp.transition_probs(), np.nan_to_num(mdp.expected_reward_sas())
+    P, R = mdp.transition_probs(), mdp.expected_reward_sas()  # NaN where P is 0
     again = FiniteMDP.from_arrays(P, R, terminal=mdp.terminal, start=mdp.start)
     assert_allclose(again.transition_probs(), P, atol=1e-15)
     assert_allclose(again.expected_reward_sas(), mdp.expected_reward_sas(), atol=1e-12)
@@ -205,6 +205,8 @@ def test_equality_ignores_padding_and_order_of_outcomes_only():
     names = tuple("abcdefg")
     assert build(state_names=names) != m and build(state_names=names) == build(state_names=list(names))
     assert build(action_names=("x", "y", "z")) != m
+    left, right = (FiniteMDP.from_outcomes({(0, 0): [(1, s, 0)], (1, 0): [(1, 0, 0)]}) for s in (0, 1))
+    assert left != right
     assert m != "a process" and FiniteMDP.__hash__ is None
 
 
@@ -298,7 +300,7 @@ def test_trajectory_ends_at_the_terminal_state():
     tau = rollout(m, uniform_policy(m), 10, rng=np.random.default_rng(0))
     assert_array_equal(tau.states, [0, 1, 2, 3])
     assert_array_equal(tau.rewards, [3.0, -1.0, 2.0])
-    assert tau.terminated and tau.actions.shape == (3,)
+    assert tau.terminated is True and tau.actions.shape == (3,)
     short = rollout(m, uniform_policy(m), 2, rng=np.random.default_rng(0))
     assert_array_equal(short.states, [0, 1, 2])
     assert not short.terminated
