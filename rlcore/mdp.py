@@ -190,7 +190,7 @@ class FiniteMDP:
         bad = np.abs(total - self.legal) > 1e-9
         if bad.any():
             allowed = "1, or 0 for an action that is not legal"
-            raise ValueError(f"prob: sums to {total[bad][0]:.9g} at {_where(bad)}, must be {allowed}")
+            raise ValueError(f"prob: sums to {total[bad][0]:.12g} at {_where(bad)}, must be {allowed}")
         if not self.legal.any(axis=1).all():
             raise ValueError(
                 f"legal: no action at (s={np.flatnonzero(~self.legal.any(axis=1))[0]}), needs at least one"
@@ -203,7 +203,7 @@ class FiniteMDP:
         if bad.any():
             raise ValueError(f"reward: got {self.reward[bad][0]:g} on a terminal state at {_where(bad)}, must be 0")
         if abs(self.start.sum() - 1) > 1e-9:
-            raise ValueError(f"start: sums to {self.start.sum():.9g}, must be 1")
+            raise ValueError(f"start: sums to {self.start.sum():.12g}, must be 1")
         if (self.start[self.terminal] > 0).any():
             raise ValueError("start: puts probability on a terminal state, must be 0 there")
 

@@ -68,6 +68,8 @@ CASES = {
     "reward inf": (arrays(reward=[[[inf]], [[0.0]]]), "reward: not finite at (s=0, a=0, k=0)", "finite"),
     "negative probability": (arrays(prob=[[[-1.0]], [[1.0]]]), "prob: negative at (s=0, a=0, k=0)", "at least 0"),
     "sum below 1": (arrays(prob=[[[0.9]], [[1.0]]]), "prob: sums to 0.9 at (s=0, a=0)", "must be 1"),
+    "sum hardly above 1": (arrays(prob=[[[1 + 5e-9]], [[1.0]]]), "prob: sums to 1.000000005 at (s=0, a=0)", "must be 1"),
+    "start hardly above 1": (arrays(start=[1 + 5e-9, 0.0]), "start: sums to 1.000000005", "must be 1"),
     "sum of an illegal row": (
         arrays(legal=[[False], [True]]), "prob: sums to 1 at (s=0, a=0)", "0 for an action that is not legal",
     ),
@@ -108,7 +110,7 @@ CASES = {
     ),
     "outcomes that sum to 2": (outcomes((1.0, 0, 0.0), (1.0, 1, 0.0)), "prob: sums to 2 at (s=0, a=0)", "must be 1"),
     "key outside the states": (
-        lambda: FiniteMDP.from_outcomes({(3, 0): [(1, 0, 0)]}, n_states=2), "outcomes: key (3, 0) is outside", "0..1",
+        lambda: FiniteMDP.from_outcomes({(2, 0): [(1, 0, 0)]}, n_states=2), "outcomes: key (2, 0) is outside", "0..1",
     ),
     "key outside the actions": (
         lambda: FiniteMDP.from_outcomes({(0, 2): [(1, 0, 0)]}, n_actions=2), "outcomes: key (0, 2)", "0..1 actions",
@@ -123,7 +125,9 @@ CASES = {
     "P in words": (from_arrays("P", 0.0), "P: got 'P'", "numbers"),
     "R of a wrong shape": (from_arrays(np.ones((1, 1, 1)), [1.0]), "R: got shape (1,)", "(1, 1)"),
     "R in words": (from_arrays(np.ones((1, 1, 1)), [["+1"]] and "one"), "R: got 'one'", "numbers"),
-    "P with nan": (from_arrays([[[nan]]], [[0.0]]), "P: contains nan", "probabilities"),
+    "P without states": (from_arrays(np.ones((0, 1, 0)), np.ones((0, 1))), "P: got shape (0, 1, 0)", "(S, A, S)"),
+    "P of zeros": (from_arrays([[[0.0]]], [[0.0]]), "legal: no action at (s=0)", "at least one"),
+    "P with nan": (from_arrays([[[nan, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains nan", "probabilities"),
     "P negative": (from_arrays([[[-1.0]]], [[0.0]]), "P: contains -1", "probabilities"),
     "P that sums to a half": (from_arrays([[[0.5]]], [[0.0]]), "prob: sums to 0.5 at (s=0, a=0)", "must be 1"),
     "R that is nan": (from_arrays([[[1.0]]], [[nan]]), "reward: not finite at (s=0, a=0, k=0)", "finite"),

@@ -146,6 +146,10 @@ def test_sizes_are_read_from_the_outcomes():
     assert_array_equal(FiniteMDP.from_outcomes({(0, 0): [(1, 1, 0)]}, start=[1.0, 0.0]).start, [1.0, 0.0])
 
 
+def test_sums_may_miss_1_by_rounding():
+    assert FiniteMDP.from_outcomes({(0, 0): [(1 + 1e-10, 0, 0.0)]}, start=[1 - 1e-10]).n_states == 1
+
+
 def test_start_is_a_state_or_a_distribution():
     table = {(0, 0): [(1.0, 2, 0.0)], (1, 0): [(1.0, 0, 0.0)]}
     assert_array_equal(FiniteMDP.from_outcomes(table, start=1).start, [0.0, 1.0, 0.0])
@@ -206,7 +210,8 @@ def test_equality_ignores_padding_and_order_of_outcomes_only():
     assert build(state_names=names) != m and build(state_names=names) == build(state_names=list(names))
     assert build(action_names=("x", "y", "z")) != m
     left, right = (FiniteMDP.from_outcomes({(0, 0): [(1, s, 0)], (1, 0): [(1, 0, 0)]}) for s in (0, 1))
-    assert left != right
+    even, odd = (FiniteMDP.from_outcomes({(0, 0): [(p, 0, 0), (1 - p, 1, 0)]}) for p in (0.5, 0.25))
+    assert left != right and even != odd
     assert m != "a process" and FiniteMDP.__hash__ is None
 
 
@@ -362,7 +367,7 @@ def test_given_first_action_only_is_forced():
     m = stay_or_go()
     pi, rng = np.array([[0.0, 1.0], [1.0, 0.0]]), np.random.default_rng(0)
     assert sample_returns(m, pi, 0.5, 2, s=0, a=0, max_steps=9, rng=rng).tolist() == [-0.5, -0.5]  # stay, then go
-    assert sample_returns(m, pi, 0.5, 2, s=0, a=1, max_steps=9, rng=rng).tolist() == [-1.0, -1.0]
+    assert sample_returns(m, pi, 0.5, 2, s=0.0, a=1.0, max_steps=9, rng=rng).tolist() == [-1.0, -1.0]
     assert sample_returns(m, pi, 0.5, 2, s=0, max_steps=9, rng=rng).tolist() == [-1.0, -1.0]
     assert sample_returns(m, pi, 0.5, 1, s=0, a=0, max_steps=1, rng=rng).tolist() == [0.0]
 
