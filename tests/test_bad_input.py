@@ -68,8 +68,8 @@ CASES = {
     "reward inf": (arrays(reward=[[[inf]], [[0.0]]]), "reward: not finite at (s=0, a=0, k=0)", "finite"),
     "negative probability": (arrays(prob=[[[-1.0]], [[1.0]]]), "prob: negative at (s=0, a=0, k=0)", "at least 0"),
     "sum below 1": (arrays(prob=[[[0.9]], [[1.0]]]), "prob: sums to 0.9 at (s=0, a=0)", "must be 1"),
-    "sum hardly above 1": (arrays(prob=[[[1 + 5e-9]], [[1.0]]]), "prob: sums to 1.000000005 at (s=0, a=0)", "must be 1"),
-    "start hardly above 1": (arrays(start=[1 + 5e-9, 0.0]), "start: sums to 1.000000005", "must be 1"),
+    "sum just above 1": (arrays(prob=[[[1 + 5e-9]], [[1.0]]]), "prob: sums to 1.000000005 at (s=0, a=0)", "must be 1"),
+    "start just above 1": (arrays(start=[1 + 5e-9, 0.0]), "start: sums to 1.000000005", "must be 1"),
     "sum of an illegal row": (
         arrays(legal=[[False], [True]]), "prob: sums to 1 at (s=0, a=0)", "0 for an action that is not legal",
     ),
