@@ -128,7 +128,7 @@ CASES = {
     "P without states": (from_arrays(np.ones((0, 1, 0)), np.ones((0, 1))), "P: got shape (0, 1, 0)", "(S, A, S)"),
     "P of zeros": (from_arrays([[[0.0]]], [[0.0]]), "legal: no action at (s=0)", "at least one"),
     "P with nan": (from_arrays([[[nan, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains nan", "probabilities"),
-    "P negative": (from_arrays([[[-1.0]]], [[0.0]]), "P: contains -1", "probabilities"),
+    "P negative": (from_arrays([[[2.0, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains -1", "probabilities"),
     "P that sums to a half": (from_arrays([[[0.5]]], [[0.0]]), "prob: sums to 0.5 at (s=0, a=0)", "must be 1"),
     "R that is nan": (from_arrays([[[1.0]]], [[nan]]), "reward: not finite at (s=0, a=0, k=0)", "finite"),
     "terminal of a wrong shape": (
@@ -136,7 +136,7 @@ CASES = {
     ),
     "all states terminal": (from_arrays([[[1.0]]], [[0.0]], terminal=[True]), "terminal: every state", "at least one"),
     "R on a terminal state": (
-        from_arrays([[[0, 1.0]], [[0, 0]]], [[0.0], [3.0]], terminal=[False, True]), "R: got 3 at (s=1, a=0", "be 0",
+        from_arrays([[[0, 1.0]], [[0, 0]]], [[0.0], [3.0]], terminal=[False, True]), "R: got 3 at (s=1, a=0, s_next=0)", "be 0",
     ),
     "P leaves a terminal state": (
         from_arrays([[[0, 1.0]], [[1.0, 0]]], [[0.0], [0.0]], terminal=[False, True]), "P: got 1 at (s=1, a=0", "0",
@@ -170,6 +170,9 @@ CASES = {
     ),
     "policy that does not sum to 1": (
         lambda: dp.policy_iteration(ROBOT, 0.9, pi0=[[1, 0, 0], [0.5, 0, 0]]), "pi: row 1 is [0.5", "sum to 1",
+    ),
+    "policy that hardly misses 1": (
+        lambda: mdp.check_policy(ROBOT, [[1, 0, 0], [1 + 5e-9, 0, 0]]), "pi: row 1 is [1.", "sum to 1",
     ),
     "policy with an illegal action": (
         lambda: bellman.expectation_backup(ROBOT, ILLEGAL, 0.0, 0.9), "pi: probability on an action that is not legal",

@@ -123,7 +123,12 @@ def test_predecessors_are_the_transposed_graph(mdp):
     reached = mdp.transition_probs().sum(axis=1) > 0
     for s in range(mdp.n_states):
         assert_array_equal(indices[indptr[s] : indptr[s + 1]], np.flatnonzero(reached[:, s]))
-    assert indices.dtype == np.int32 and indptr[-1] == indices.size
+    assert indices.dtype == np.int32 and indptr[-1] == indices.size and indptr.size == mdp.n_states + 1
+
+
+def test_a_state_may_have_no_predecessor():
+    indptr, indices = FiniteMDP.from_outcomes({(s, 0): [(1.0, 0, 0.0)] for s in range(3)}).predecessors()
+    assert indptr.tolist() == [0, 3, 3, 3] and indices.tolist() == [0, 1, 2]
 
 
 # ---------------------------------------------------------------------- construction
@@ -142,7 +147,7 @@ def test_absent_state_is_terminal_and_start_is_uniform_over_the_others():
 def test_sizes_are_read_from_the_outcomes():
     m = FiniteMDP.from_outcomes({(0, 2): [(1.0, 5, 0.0)], (3, 0): [(1.0, 0, 0.0)]})
     assert (m.n_states, m.n_actions) == (6, 3)
-    assert FiniteMDP.from_outcomes({(4, 0): [(1.0, 0, 0.0)]}).n_states == 5
+    assert FiniteMDP.from_outcomes({(4, 0): [(1.0, 0, 0.0)], (0, 0): [(1.0, 0, 0.0)]}).n_states == 5
     assert_array_equal(FiniteMDP.from_outcomes({(0, 0): [(1, 1, 0)]}, start=[1.0, 0.0]).start, [1.0, 0.0])
 
 
@@ -211,6 +216,8 @@ def test_equality_ignores_padding_and_order_of_outcomes_only():
     assert build(action_names=("x", "y", "z")) != m
     left, right = (FiniteMDP.from_outcomes({(0, 0): [(1, s, 0)], (1, 0): [(1, 0, 0)]}) for s in (0, 1))
     even, odd = (FiniteMDP.from_outcomes({(0, 0): [(p, 0, 0), (1 - p, 1, 0)]}) for p in (0.5, 0.25))
+    one, other = (FiniteMDP.from_outcomes({(0, 0): [(0.5, 0, r), (0.5, 0, 3 - r)]}) for r in (1, 2))
+    assert one == other
     assert left != right and even != odd
     assert m != "a process" and FiniteMDP.__hash__ is None
 
