@@ -128,7 +128,7 @@ CASES = {
     "P without states": (from_arrays(np.ones((0, 1, 0)), np.ones((0, 1))), "P: got shape (0, 1, 0)", "(S, A, S)"),
     "P of zeros": (from_arrays([[[0.0]]], [[0.0]]), "legal: no action at (s=0)", "at least one"),
     "P with nan": (from_arrays([[[nan, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains nan", "probabilities"),
-    "P negative": (from_arrays([[[2.0, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains -1", "probabilities"),
+    "P negative": (from_arrays([[[0.5, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains -1", "probabilities"),
     "P that sums to a half": (from_arrays([[[0.5]]], [[0.0]]), "prob: sums to 0.5 at (s=0, a=0)", "must be 1"),
     "R that is nan": (from_arrays([[[1.0]]], [[nan]]), "reward: not finite at (s=0, a=0, k=0)", "finite"),
     "terminal of a wrong shape": (
@@ -136,7 +136,7 @@ CASES = {
     ),
     "all states terminal": (from_arrays([[[1.0]]], [[0.0]], terminal=[True]), "terminal: every state", "at least one"),
     "R on a terminal state": (
-        from_arrays([[[0, 1.0]], [[0, 0]]], [[0.0], [3.0]], terminal=[False, True]), "R: got 3 at (s=1, a=0, s_next=0)", "be 0",
+        from_arrays([[[0, 1.0]], [[0, 0]]], [[0.0], [3.0]], terminal=[False, True]), "R: got 3 at (s=1, a=0, s_next=0", "0",
     ),
     "P leaves a terminal state": (
         from_arrays([[[0, 1.0]], [[1.0, 0]]], [[0.0], [0.0]], terminal=[False, True]), "P: got 1 at (s=1, a=0", "0",
@@ -193,6 +193,7 @@ CASES = {
     ),
     "environment to solve": (lambda: dp.policy_iteration(envs.MDPEnv(ROBOT), 0.9), "mdp: got MDPEnv", "FiniteMDP"),
     "nothing to evaluate": (lambda: dp.policy_evaluation(None, PI, 0.9), "mdp: got NoneType", "FiniteMDP"),
+    "nothing to look ahead in": (lambda: bellman.q_from_v(None, 0.0, 0.9), "mdp: got NoneType", "FiniteMDP"),
     "nothing to act in": (lambda: mdp.deterministic_policy(None, [0]), "mdp: got NoneType", "FiniteMDP"),
     "nothing to back up": (lambda: bellman.optimality_backup_q(None, PI, 0.9), "mdp: got NoneType", "FiniteMDP"),
     "nothing to search": (lambda: bellman.heuristic_search(None, 0, 1, 0.9), "mdp: got NoneType", "FiniteMDP"),

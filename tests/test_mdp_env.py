@@ -198,7 +198,7 @@ def test_state_entered_both_ways_is_refused():
     later.P = {0: {0: on[0]}, 1: {0: on[1]}, 2: {0: [(1.0, 3, 0.0, True)], 1: [(1.0, 3, 0.0, False)]}, 3: {}}
     with pytest.raises(ValueError, match=r"env: \(s=2, a=1\) enters the terminal state 3"):
         FiniteMDP.from_env(later)
-    Both.P = {0: {0: [(1.0, 1, 0.0, True), (0.0, 0, 9.0, True)]}, 1: {0: [(1.0, 0, 0.0, False)]}}
+    Both.P = {0: {0: [(1.0, 1, 0.0, True), (0.0, 0, 9.0, True), (0.0, 1, 9.0, False)]}, 1: {0: [(1.0, 0, 0.0, False)]}}
     m = FiniteMDP.from_env(Both())  # an outcome of probability 0 ends nothing
     assert m.terminal.tolist() == [False, True] and m.legal[0].tolist() == [True, False]
 
