@@ -136,7 +136,8 @@ CASES = {
     ),
     "all states terminal": (from_arrays([[[1.0]]], [[0.0]], terminal=[True]), "terminal: every state", "at least one"),
     "R on a terminal state": (
-        from_arrays([[[0, 1.0]], [[0, 0]]], [[0.0], [3.0]], terminal=[False, True]), "R: got 3 at (s=1, a=0, s_next=0", "0",
+        from_arrays([[[0, 1.0]], [[0, 0]]], [[0.0], [3.0]], terminal=[False, True]),
+        "R: got 3 at (s=1, a=0, s_next=0", "must be 0",
     ),
     "P leaves a terminal state": (
         from_arrays([[[0, 1.0]], [[1.0, 0]]], [[0.0], [0.0]], terminal=[False, True]), "P: got 1 at (s=1, a=0", "0",
