@@ -167,7 +167,7 @@ CASES = {
     "policy as actions": (lambda: bellman.solve_policy(ROBOT, [0, 0], 0.9), "pi: got shape (2,)", "(2, 3)"),
     "policy with nan": (lambda: dp.policy_evaluation(ROBOT, PI * nan, 0.9), "pi: row 0 is [nan", "sum to 1"),
     "policy with a negative entry": (
-        lambda: mdp.check_policy(ROBOT, [[1.5, -0.5, 0], [1, 0, 0]]), "pi: row 0 is [ 1.5 -0.5", "probabilities",
+        lambda: mdp.check_policy(ROBOT, [[1, 0, 0], [1.5, -0.5, 0]]), "pi: row 1 is [ 1.5 -0.5", "probabilities",
     ),
     "policy that does not sum to 1": (
         lambda: dp.policy_iteration(ROBOT, 0.9, pi0=[[1, 0, 0], [0.5, 0, 0]]), "pi: row 1 is [0.5", "sum to 1",
