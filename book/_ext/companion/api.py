@@ -19,6 +19,7 @@ def modules():
     package = importlib.import_module("rlcore")
     names = [m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_")]
     names.sort(key=lambda n: (ORDER.index(n) if n in ORDER else len(ORDER), n))
+    names += [f"plots.{m.name}" for m in pkgutil.iter_modules(importlib.import_module("rlcore.plots").__path__)]
     return [importlib.import_module(f"rlcore.{n}") for n in names]
 
 
