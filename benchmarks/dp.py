@@ -355,7 +355,7 @@ def plot(rows):
     figure, axes = plt.subplots(1, 4, figsize=(11, 3.4), sharey=True, layout="constrained")
     for ax, kind in zip(axes, ("dense", "sparse", "grid", "maze")):
         for solver, (color, line) in looks.items():
-            found = [r for (p, s), r in rows.items() if p.startswith(kind) and s == solver and r["status"] == "ok"]
+            found = [r for (p, s), r in rows.items() if p.startswith(kind) and s == solver and right(r)]
             found.sort(key=lambda row: int(row["states"]))
             if found:
                 x, y = [int(r["states"]) for r in found], [float(r["seconds"]) for r in found]
