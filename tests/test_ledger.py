@@ -72,7 +72,7 @@ def resolves(name):
 
 
 @functools.cache
-def tests_of(path):
+def functions_of(path):
     """Names of the test functions of a file, with those of test classes as Class::name."""
     names = set()
     for node in ast.parse((ROOT / path).read_text(encoding="utf-8")).body:
@@ -87,7 +87,7 @@ def exists(check):
     """Whether a check is a test that exists, or the tag of a code cell that checks something."""
     if "::" in check:
         path, name = check.split("::", 1)
-        return name.partition("[")[0] in tests_of(path) and name.rpartition("::")[2].startswith("test_")
+        return name.partition("[")[0] in functions_of(path) and name.rpartition("::")[2].startswith("test_")
     path, tag = check.split("#")
     tagged = [cell for cell in cells(Path(path).stem) if tag in cell["metadata"].get("tags", [])]
     return any(cell["cell_type"] == "code" and "assert" in "".join(cell["source"]) for cell in tagged)
