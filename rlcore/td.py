@@ -41,17 +41,17 @@ def _mc_prediction(world, pi_cdf, gamma, n_episodes, first_visit, S, width, max_
     for i in range(n_episodes):
         s = draw(world.start_cdf, rng)
         T = 0
-        while not world.terminal[s] and T < max_steps:
+        while not world.terminal[s] and max_steps > T:
             a = draw(pi_cdf[s], rng)
             x = s * width + a if width > 1 else s
-            visited[T], counts[T] = x, not first_visit or seen_in[x] != i
+            visited[n], counts[n] = x, not first_visit or seen_in[x] != i
             seen_in[x] = i
-            s, rewards[T] = step(world, s, a, rng)
-            returns[i] += rewards[T]
-            T += 1
-        lengths[i] = T
+            s, rewards[n] = step(world, s, a, rng)
+            returns[i] += rewards[n]
+            n += 1
+        lengths[i] = n
         G = 0.0
-        for t in range(T - 1, -1, -1):
+        for t in range(n - 1, -1, -1):
             G = rewards[t] + gamma * G  # eq-8
             if counts[t]:
                 x = visited[t]

@@ -160,7 +160,9 @@ class Claims(SphinxDirective):
             done = [row for row in mine if is_done(row)]
             section = nodes.section("", nodes.title("", f"Chapter {chapter}: {title}"), ids=[f"claims-{chapter}"])
             if done:
-                section += table(["Claim", "Verdict", "What the page says"], [self.line(row) for row in done], ["claims"])
+                section += table(
+                    ["Claim", "Verdict", "What the page says"], [self.line(row) for row in done], ["claims"]
+                )
             if len(done) < len(mine):
                 section += nodes.paragraph("", f"{len(mine) - len(done)} claims are not looked at yet.")
             out.append(section)
@@ -217,7 +219,10 @@ class Errata(SphinxDirective):
         box = nodes.container()
         self.state.nested_parse(StringList(text.splitlines(), "errata"), 0, box)
         places = [page_link(str(number), f"{page}#err-{number}") for number in numbers]
-        return [commas(places), [child.deepcopy() for part in box.children for child in [*part.children, nodes.Text(" ")]]]
+        return [
+            commas(places),
+            [child.deepcopy() for part in box.children for child in [*part.children, nodes.Text(" ")]],
+        ]
 
 
 class Status(SphinxDirective):
