@@ -40,8 +40,8 @@ def _mc_prediction(world, pi_cdf, gamma, n_episodes, first_visit, S, width, max_
     visited, rewards, counts = np.zeros(max_steps, np.int64), np.zeros(max_steps), np.zeros(max_steps, np.bool_)
     for i in range(n_episodes):
         s = draw(world.start_cdf, rng)
-        T = 0
-        while not world.terminal[s] and max_steps > T:
+        n = 0
+        while not world.terminal[s] and n < max_steps:
             a = draw(pi_cdf[s], rng)
             x = s * width + a if width > 1 else s
             visited[n], counts[n] = x, not first_visit or seen_in[x] != i
