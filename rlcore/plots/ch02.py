@@ -2,10 +2,9 @@
 
 from collections import namedtuple
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.patches import Arc, Rectangle
+from matplotlib.patches import Arc
 
 from rlcore.bellman import q_from_v, solve_policy
 from rlcore.dp import value_iteration
@@ -156,111 +155,4 @@ def bands(curves, *, xlabel, ylabel, log_y=False, log_x=False):
     if log_x:
         ax.set_xscale("log")
     ax.legend()
-    return fig
-
-
-# ---------------------------------------------------------------------- golf
-
-
-def golf_contours(putt, drive, shape, *, tee, hole, sand):
-    """Values of always putting (top), and of driving first and then playing at best (bottom). fig-5
-
-    putt, drive: (S,). Cells are coloured by the nearest whole number of strokes; -inf is black.
-    """
-    fig, axes = new_figure(2, 1, width=6.4, height=5.4)
-    shades = ListedColormap(plt.get_cmap("cividis")(np.linspace(0.05, 1, 9))).with_extremes(bad="black")
-    norm = BoundaryNorm(np.arange(-8.5, 1), 9)
-    at = tee[0] * shape[1] + tee[1]
-    names = ("(a) always the putter", "(b) driver first, then at best")
-    for ax, values, name in zip(axes, (putt, drive), names):
-        image = _course(ax, np.where(np.isfinite(values), values, np.nan), shape, tee, hole, sand, shades, norm)
-        ax.set_title(f"{name}: {values[at]:.4g} from the tee")
-    for r, c in [max(sand)] * bool(sand and np.isinf(putt).any()):
-        axes[0].text(c + 0.7, r, "$-\\infty$", ha="left", va="center", fontsize=15, color="black")
-    fig.colorbar(image, ax=axes, ticks=range(-8, 1), label="value (strokes, negative)")
-    return fig
-
-
-def best_clubs(Q_putter, Q_driver, shape, *, tee, hole, sand):
-    """The best club of each cell: putter, driver, or either. fig-5, ex-golf-driver"""
-    fig, ax = new_figure(width=6.4, height=3.4)
-    gap = Q_putter - Q_driver
-    club = np.where(np.abs(gap) < 1e-6, 1.0, np.where(gap > 0, 2.0, 0.0))
-    shades = ListedColormap([PALETTE["blue"], "#C9D3DC", "#F2C14E"])
-    image = _course(ax, club, shape, tee, hole, sand, shades, BoundaryNorm([-0.5, 0.5, 1.5, 2.5], 3))
-    value = np.maximum(Q_putter, Q_driver)[tee[0] * shape[1] + tee[1]]
-    ax.set_title(f"{value:.4g} from the tee at best")
-    bar = fig.colorbar(image, ax=ax, ticks=[0, 1, 2], orientation="horizontal", shrink=0.8, aspect=30)
-    bar.ax.set_xticklabels(["driver", "either", "putter"])
-    return fig
-
-
-def _course(ax, values, shape, tee, hole, sand, shades, norm):
-    """The course from above, with its sand outlined, tee and hole."""
-    rows, columns = (np.arange(n + 1) - 0.5 for n in shape)
-    grid = np.ma.masked_invalid(np.reshape(values, shape))
-    image = ax.pcolormesh(columns, rows, grid, cmap=shades, norm=norm, rasterized=True)
-    for r, c in sand:
-        ax.add_patch(Rectangle((c - 0.5, r - 0.5), 1, 1, fill=False, ec="white", lw=1.2, ls=":"))
-    for (r, c), mark, name in ((tee, "s", "tee"), (hole, "o", "hole")):
-        ax.plot(c, r, mark, color="white", mec="black", ms=8)
-        ax.text(c, r + 1.3, name, ha="center", va="center", fontsize=12, bbox={"fc": "white", "ec": "none", "pad": 0.6})
-    ax.set(aspect="equal", xticks=[], yticks=[], ylim=rows[[-1, 0]])
-    ax.grid(False)
-    return image
-
-
-# ---------------------------------------------------------------------- policies, effort, size
-
-
-def optimal_moves(V, best, shape, action_names):
-    """Values of a grid, and every optimal action of each cell as an arrow. cl-013
-
-    V: (S,). best: (S, A) bool.
-    """
-    glyphs = [{"up": "↑", "down": "↓", "left": "←", "right": "→"}[name] for name in action_names]
-    moves = ["".join(g for g, used in zip(glyphs, row) if used) for row in best]
-    texts = [f"{v:.0f}\n{'' if v == 0 else m}" for v, m in zip(V, moves)]
-    fig, ax = new_figure(width=4.4, height=4.2)
-    heatmap(ax, V.reshape(shape), labels=np.array(texts).reshape(shape), fontsize=14)
-    return fig
-
-
-def update_counts(counts, shape, walls):
-    """How often each cell of a grid was updated, one panel for each way of choosing. cl-022
-
-    counts: name -> (S,) numbers. walls: (S,) bool.
-    """
-    fig, axes = new_figure(len(counts), 1, width=6, height=3.1 * len(counts))
-    top = max(n.max() for n in counts.values())
-    for ax, (name, n) in zip(axes, counts.items()):
-        heatmap(ax, np.where(walls, np.nan, n).reshape(shape), fmt="{:.0f}", vmin=0, vmax=top)
-        ax.set_title(name)
-    return fig
-
-
-def staircase(truth, table, shared, n_episodes):
-    """Values of a long walk: exact, one entry a state, and one a group. ex-tabular; each (n,)"""
-    fig, ax = new_figure()
-    x = np.arange(1, truth.size + 1)
-    ax.plot(x[::5], table[::5], color=PALETTE["blue"], ls="-", lw=1.2, label="table")
-    ax.plot(x, truth, color=PALETTE["black"], ls="--", label="exact")
-    ax.plot(x, shared, color=PALETTE["vermillion"], ls="-", label="10 groups")
-    ax.set(xlabel="state", ylabel="value", ylim=(-1.1, 1.1), title=f"after {n_episodes:,} episodes")
-    ax.legend(loc="upper left")
-    return fig
-
-
-def sweep_times(years):
-    """Time of one sweep for problems of very different size, on a log scale. ex-backgammon, ex-chess
-
-    years: name -> years.
-    """
-    fig, ax = new_figure(height=0.7 + 0.55 * len(years))
-    ax.barh(list(years), list(years.values()), color=PALETTE["blue"], height=0.6)
-    ax.set(xscale="log", xlabel="years for one sweep at $10^9$ backups a second")
-    ax.axvline(1.38e10, color=PALETTE["vermillion"], ls="--")
-    ax.text(2e10, len(years) - 0.6, "age of the universe", color=PALETTE["vermillion"], ha="left", va="center")
-    ax.invert_yaxis()
-    ax.grid(axis="y", visible=False)
     return fig
