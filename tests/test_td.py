@@ -150,7 +150,7 @@ def test_groups_share_one_value():
 
 
 def test_groups_reach_the_fixed_point_of_their_own_equation():
-    """sum over the states s of a group of d(s) (r + w(s') - w(s)) = 0, d the expected visits. Seed 0..9: within 0.02."""
+    """sum over the states s of a group of d(s) (r + w(s') - w(s)) = 0, d expected visits. Seeds 0..9: within 0.02."""
     mdp, gamma = random_walk(10), 1.0
     P, r = mdp.transition_probs()[1:11, 0], mdp.expected_reward()[1:11, 0]
     visits = np.linalg.solve(np.eye(10) - P[:, 1:11].T, mdp.start[1:11])
