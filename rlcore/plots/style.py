@@ -130,7 +130,7 @@ def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None,
     for (i, j), value in np.ma.ndenumerate(values):  # passes over what is masked
         if labels is None and fmt is None:
             continue
-        text = fmt.format(value) if labels is None else str(labels[i][j])
+        text = str(labels[i][j]) if labels is not None else re.sub(r"^-(?=[0.]+$)", "", fmt.format(value))  # not -0.0
         colour = text_colour(image.cmap(image.norm(value)))
         ax.text(j, i, text, ha="center", va="center", color=colour, fontsize=fontsize)
     return image
