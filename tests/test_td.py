@@ -14,7 +14,7 @@ def chain(rewards):
 
 
 def bouncer():
-    """Visits state 0 three times, then ends: rewards 1, 2, 4. States 0, 1, 2 look alike but are told apart by time."""
+    """State 0 returns to itself with probability 3/4 and reward 1, else ends with reward 2."""
     P, R = np.zeros((2, 1, 2)), np.zeros((2, 1, 2))
     P[0, 0], R[0, 0], P[1, 0, 1] = [0.75, 0.25], [1.0, 2.0], 1.0
     return FiniteMDP.from_arrays(P, R, terminal=[False, True], start=0)
@@ -58,7 +58,7 @@ def test_history_is_the_running_average():
 
 @pytest.mark.parametrize("first_visit", [True, False])
 def test_random_walk_converges(first_visit):
-    """True values i / 6. Worst error over 20 seeds 0.0106; averaging only half of each return gives 0.4."""
+    """True values i / 6. Worst error over 20 seeds 0.012; averaging only half of each return gives 0.4."""
     mdp = random_walk(5)
     args = dict(first_visit=first_visit, max_steps=10_000, rng=np.random.default_rng(1))
     run = mc_prediction(mdp, uniform_policy(mdp), 1.0, 20_000, **args)
@@ -66,7 +66,7 @@ def test_random_walk_converges(first_visit):
 
 
 def test_action_values_average_to_state_values():
-    """v_pi from Q. Worst error over 20 seeds 0.08 (values about 2); a gamma of 0.8 instead of 0.9 is off by 1."""
+    """v_pi from Q. Worst error over 20 seeds 0.075 (values about 5); gamma 0.8 instead of 0.9 is off by 1.1."""
     mdp = ending(random_mdp(4, 3, rng=np.random.default_rng(5)))
     pi = uniform_policy(mdp)
     run = mc_prediction(mdp, pi, 0.9, 20_000, target="q", max_steps=10_000, rng=np.random.default_rng(0))
@@ -117,7 +117,7 @@ def test_td0_with_step_one_and_gamma_zero_keeps_the_last_reward():
 
 
 def test_td0_random_walk():
-    """Sutton and Barto (2018), example 6.2. Worst error over 20 seeds 0.06 with alpha 0.01; V0 is off by 0.33."""
+    """Sutton and Barto (2018), example 6.2. Worst error over 20 seeds 0.046 with alpha 0.01; V0 is off by 0.33."""
     mdp = random_walk(5)
     run = td0(mdp, uniform_policy(mdp), 1.0, 5000, alpha=0.01, V0=0.5, rng=np.random.default_rng(0))
     assert np.abs(run.V[1:6] - np.arange(1, 6) / 6).max() < 0.1
@@ -150,7 +150,10 @@ def test_groups_share_one_value():
 
 
 def test_groups_reach_the_fixed_point_of_their_own_equation():
-    """sum over the states s of a group of d(s) (r + w(s') - w(s)) = 0, d expected visits. Seeds 0..9: within 0.02."""
+    """sum over the states s of a group of d(s) (r + w(s') - w(s)) = 0, d expected visits.
+
+    Worst error over 10 seeds 0.016; V0 is off by 0.045, the mean of a group's true values by 0.18.
+    """
     mdp, gamma = random_walk(10), 1.0
     P, r = mdp.transition_probs()[1:11, 0], mdp.expected_reward()[1:11, 0]
     visits = np.linalg.solve(np.eye(10) - P[:, 1:11].T, mdp.start[1:11])
@@ -158,7 +161,7 @@ def test_groups_reach_the_fixed_point_of_their_own_equation():
     w = np.linalg.solve(X.T @ (visits[:, None] * (X - gamma * P[:, 1:11] @ X)), X.T @ (visits * r))
     groups = np.r_[0, np.repeat([0, 1], 5), 1]
     run = td0(mdp, uniform_policy(mdp), gamma, 20_000, alpha=0.001, V0=0.5, groups=groups, rng=np.random.default_rng(0))
-    np.testing.assert_allclose(run.V[[1, 6]], w, atol=0.04)
+    np.testing.assert_allclose(run.V[[1, 6]], w, atol=0.03)
 
 
 def test_same_rng_same_run():

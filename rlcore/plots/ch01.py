@@ -39,7 +39,7 @@ def recycling_graph(mdp):
     fig, ax = new_diagram((0, 10), (0, 5.4))
     places = {0: (2.2, 2.7), 1: (7.8, 2.7)}
     dots = {(0, 0): (5.0, 4.4), (0, 1): (0.8, 4.6), (1, 0): (5.0, 1.0), (1, 1): (9.2, 0.8), (1, 2): (5.0, 2.7)}
-    curves = {(0, 0, 0): 0.35, (1, 0, 1): 0.35, (0, 1, 0): 0.5, (1, 1, 1): 0.5}
+    curves = {(0, 0, 0): -0.3, (1, 0, 1): -0.3, (0, 1, 0): 0.5, (1, 1, 1): 0.5}
     edges = []
     for (s, a), dot in dots.items():
         ax.plot(*zip(places[s], dot), color=PALETTE["grey"], ls="-", lw=1.4, zorder=0)
@@ -52,7 +52,7 @@ def recycling_graph(mdp):
         arrow(ax, start, end, text, curve=curves.get((s, a, s_next), 0.0), fontsize=11)
     for (_, a), dot in dots.items():
         circle(ax, dot, radius=0.16, face=PALETTE["black"])
-        ax.text(dot[0], dot[1] + (0.42 if dot[1] > 3 else -0.42), mdp.action_names[a], ha="center", va="center")
+        ax.text(dot[0], dot[1] + (0.42 if dot[1] > 2 else -0.42), mdp.action_names[a], ha="center", va="center")
     for s, place in places.items():
         circle(ax, place, mdp.state_names[s], radius=0.7, fontsize=14)
     return fig
@@ -215,15 +215,15 @@ def myopic_values(gamma, switch):
 def absorbing_chain(rewards=(1, 1, 1)):
     """An episode that ends in an absorbing state, drawn as a square. ex-absorbing"""
     n = len(rewards)
-    fig, ax = new_diagram((-0.6, 2.2 * n + 3.2), (-0.8, 0.9))
+    fig, ax = new_diagram((-0.6, 2.2 * n + 1.6), (-0.6, 1.15))
     for i, r in enumerate(rewards):
         circle(ax, (2.2 * i, 0), f"$S_{i}$", radius=0.45)
         arrow(ax, (2.2 * i + 0.45, 0), (2.2 * i + 1.75, 0), f"{r:+g}", offset=(0, 0.32))
     box(ax, (2.2 * n, 0), "end", width=0.9, height=0.9, face=PALETTE["grey"])
-    loop = np.linspace(0.75 * np.pi, -0.55 * np.pi, 40)
-    x, y = 2.2 * n + 0.55 + 0.45 * np.cos(loop), 0.55 + 0.45 * np.sin(loop)
+    loop = np.linspace(1.05 * np.pi, -0.35 * np.pi, 40)
+    x, y = 2.2 * n + 0.5 + 0.45 * np.cos(loop), 0.5 + 0.45 * np.sin(loop)
     ax.plot(x, y, color=PALETTE["black"], ls="-", lw=1.8, zorder=0)
-    arrow(ax, (x[-2], y[-2]), (2.2 * n + 0.45, 0.1))
+    arrow(ax, (x[-1], y[-1]), (2.2 * n + 0.46, 0.0))
     ax.text(2.2 * n + 1.15, 0.75, "0", va="center")
     return fig
 
