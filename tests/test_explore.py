@@ -17,6 +17,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from rlcore.explore import MAX_FRAMES, explore
@@ -34,6 +35,14 @@ def draw(gamma, shape="step", words=""):
 
 def panel(title="Weights", **more):
     return explore(draw, title=title, **({"gamma": GAMMAS, "shape": SHAPES} | more))
+
+
+def contrast(*colours):
+    linear = [
+        [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)] for colour in colours
+    ]
+    low, high = sorted(0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b in linear)
+    return (high + 0.05) / (low + 0.05)
 
 
 class Page(HTMLParser):
@@ -104,6 +113,14 @@ def test_controls_are_grouped_named_and_start_at_the_first_value():
     assert [i for i, tag in enumerate(radios) if "class" not in tag] == [0, 3]
     (group,) = (tag for tag in page.all("div") if tag.get("role") == "group")
     assert group["aria-labelledby"] in [tag.get("id") for tag in page.all("div")]
+
+
+def test_focus_and_choice_are_seen_on_light_and_dark_ground():
+    page = panel().to_html()
+    (ground, letters) = re.search(r"input:checked\+label \{background:(#\w+);color:(#\w+)", page).groups()
+    for other, least in [("#ffffff", 3), ("#121212", 3), ("#000000", 3), (letters, 4.5)]:  # WCAG 2.2, 1.4.11 and 1.4.3
+        assert contrast(ground, other) >= least
+    assert re.search(r"input:focus-visible\+label \{outline:3px solid currentColor", page)  # as the text is
 
 
 @pytest.mark.parametrize("other", [{"title": "Others"}, {"gamma": [0.1, 0.2]}, {"alt": lambda **v: f"another {v}"}])
