@@ -150,7 +150,7 @@ def _solve_system(P, r, gamma, terminal):
     go = np.flatnonzero(~terminal)
     V = np.zeros(terminal.size)
     P = P[go][:, go]
-    if go.size > 2000 and P.nnz < 0.05 * go.size**2:
+    if go.size > 100 and P.nnz < 0.05 * go.size**2:
         V[go] = spsolve((eye_array(go.size) - gamma * P).tocsc(), r[go])
     else:
         V[go] = np.linalg.solve(np.eye(go.size) - gamma * P.toarray(), r[go])
