@@ -164,6 +164,8 @@ def _check(exercise, answer):
         return Verdict("not attempted", f"write your answer in `{exercise.name}`, then run the check again")
     if isinstance(stub, FunctionType) and not callable(answer):
         return Verdict("failed", f"got {show(answer)}; the answer must be the function `{exercise.name}` itself")
+    if callable(answer) and not isinstance(stub, FunctionType):
+        return Verdict("failed", f"got a function; the answer must be a value: check({exercise.id!r}, {exercise.name})")
     cases = exercise.make_cases()
     try:
         results = run_guarded(lambda: [_call(answer, case) for case in cases], exercise.seconds)
@@ -176,12 +178,12 @@ def _check(exercise, answer):
         if problem:
             mistake = _known_mistake(exercise, cases, [got for got, _ in results])
             return Verdict("failed", mistake or _luck(cases, results) + _report(case, got, problem))
-    return Verdict("passed", f"all {len(cases)} cases agree")
+    return Verdict("passed", "right" if len(cases) == 1 else f"right on all {len(cases)} cases")
 
 
 def _call(answer, case):
     given = deepcopy(case.given)
-    return (answer(*given.values()) if case.given or callable(answer) else answer), given
+    return (answer(*given.values()) if case.given else answer), given
 
 
 def _known_mistake(exercise, cases, got):
