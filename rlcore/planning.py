@@ -140,8 +140,8 @@ def dyna_q(
 ):
     """Q-learning that also replays n_planning remembered transitions after each real one. alg-dyna, fig-12
 
-    world: FiniteMDP. n_planning = 0 is Q-learning, without a model. The model remembers the last outcome of each pair tried, so that it
-    is right where the world is deterministic. alpha: in (0, 1]. epsilon: probability of a random action.
+    world: FiniteMDP. n_planning = 0 is Q-learning, without a model. The model is the last outcome of each pair tried,
+    which is right where the world is deterministic. alpha: in (0, 1]. epsilon: probability of a random action.
     Q0: first estimates, a number or (S, A). max_steps: an episode is cut there, as a truncation; None: never.
     kappa: a transition not tried for tau steps is replayed with its reward + kappa sqrt(tau), untried actions of states
     met included (Dyna-Q+). change: (step, FiniteMDP), the world from that step on.

@@ -13,6 +13,7 @@ from rlcore.mdp import FiniteMDP, uniform_policy
 ROBOT = envs.recycling_robot()  # 2 states, 3 actions; action 2 is not legal in state 0
 PI = uniform_policy(ROBOT)
 ILLEGAL = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
+ONE_NAN = [[0.0, float("nan"), 1.0], [0.0, 0.0, 0.0]]
 RNG = np.random.default_rng(0)
 nan, inf = float("nan"), float("inf")
 ARRAYS = dict(
@@ -169,6 +170,9 @@ CASES = {
         lambda: bellman.expectation_backup(ROBOT, ILLEGAL, 0.0, 0.9), "pi: probability on an action that is not legal",
         "(s=0, a=2)",
     ),
+    "policy to improve": (
+        lambda: dp.policy_improvement(ROBOT, 0.0, 0.9, pi=ILLEGAL), "pi: probability on an action", "(s=0, a=2)",
+    ),
     "policy in words": (lambda: bellman.is_proper(ROBOT, "uniform"), "pi: got 'uniform'", "numbers"),
     "no policy": (lambda: bellman.policy_matrix(ROBOT, None), "pi: got shape ()", "(2, 3)"),
     "actions of a wrong length": (lambda: mdp.deterministic_policy(ROBOT, [0]), "actions: got shape (1,)", "(2,)"),
@@ -191,6 +195,9 @@ CASES = {
     "gamma nan": (lambda: dp.value_iteration(ROBOT, nan), "gamma: got nan", "[0, 1]"),
     "gamma None": (lambda: bellman.q_from_v(ROBOT, 0.0, None), "gamma: got None", "[0, 1]"),
     "gamma in words": (lambda: mdp.discounted_returns([1.0], "0.9"), "gamma: got '0.9'", "[0, 1]"),
+    "gamma to evaluate": (lambda: dp.policy_evaluation(ROBOT, PI, "0.9"), "gamma: got '0.9'", "[0, 1]"),
+    "gamma to iterate policies": (lambda: dp.policy_iteration(ROBOT, "0.9"), "gamma: got '0.9'", "[0, 1]"),
+    "gamma to iterate values": (lambda: dp.value_iteration(ROBOT, "0.9"), "gamma: got '0.9'", "[0, 1]"),
     "gamma as an array": (lambda: mdp.discounted_return([1.0], np.array([0.9])), "gamma: got array", "[0, 1]"),
     "gamma of a search": (lambda: bellman.heuristic_search(ROBOT, 0, 2, 2), "gamma: got 2", "[0, 1]"),
     "gamma of solve": (lambda: dp.solve(ROBOT, 1.5), "gamma: got 1.5", "[0, 1]"),
@@ -209,17 +216,22 @@ CASES = {
     "V0 infinite": (lambda: dp.policy_evaluation(ROBOT, PI, 0.9, V0=[0.0, -inf]), "V0: contains -inf", "finite"),
     "V0 of a search": (lambda: bellman.heuristic_search(ROBOT, 0, 1, 0.9, V0=nan), "V0: contains NaN", "numbers"),
     "V to bound": (lambda: dp.error_bound(ROBOT, inf, 0.9), "V: contains inf", "finite"),
+    "infinite V to bound for pi": (lambda: dp.policy_error_bound(ROBOT, PI, inf, 0.9), "V: contains inf", "finite"),
     "V to bound for pi": (lambda: dp.policy_error_bound(ROBOT, PI, [0.0], 0.9), "V: got shape (1,)", "(2,)"),
     "Q of a wrong shape": (lambda: bellman.optimality_backup_q(ROBOT, PI.T, 0.9), "Q: got shape (3, 2)", "(2, 3)"),
-    "Q with nan": (lambda: bellman.expectation_backup_q(ROBOT, PI, PI * nan, 0.9), "Q: contains NaN", "numbers"),
+    "Q with nan": (lambda: bellman.expectation_backup_q(ROBOT, PI, ONE_NAN, 0.9), "Q: contains NaN", "numbers"),
     "Q that is a row": (lambda: bellman.greedy([1.0, 2.0]), "Q: got shape (2,)", "(S, A)"),
     "Q without actions": (lambda: bellman.greedy_actions(np.zeros((2, 0))), "Q: got shape (2, 0)", "(S, A)"),
-    "Q with nan to act on": (lambda: bellman.greedy([[nan]]), "Q: got shape (1, 1) with NaN", "numbers"),
+    "Q with nan to act on": (lambda: bellman.greedy(ONE_NAN), "Q: got shape (2, 3) with NaN", "numbers"),
     "Q in words": (lambda: bellman.greedy("best"), "Q: got 'best'", "numbers"),
+    "Q in words to back up": (lambda: bellman.optimality_backup_q(ROBOT, "Q", 0.9), "Q: got 'Q'", "numbers"),
+    "a margin without end": (lambda: bellman.greedy_actions([[0.0]], tol=inf), "tol: got inf", "at least 0"),
+    "a margin in words": (lambda: bellman.greedy_actions([[0.0]], tol="none"), "tol: got 'none'", "at least 0"),
     "a margin below 0": (lambda: bellman.greedy_actions([[0.0]], tol=-1.0), "tol: got -1.0", "at least 0"),
     # how much
     "tol 0": (lambda: dp.policy_evaluation(ROBOT, PI, 0.9, tol=0), "tol: got 0", "positive"),
     "tol negative": (lambda: dp.value_iteration(ROBOT, 0.9, tol=-1), "tol: got -1", "positive"),
+    "tol infinite": (lambda: dp.value_iteration(ROBOT, 0.9, tol=inf), "tol: got inf", "positive"),
     "tol nan": (lambda: dp.value_iteration(ROBOT, 0.9, tol=nan), "tol: got nan", "positive"),
     "tol in words": (lambda: dp.value_iteration(ROBOT, 0.9, tol="small"), "tol: got 'small'", "positive"),
     "tol of solve": (lambda: dp.solve(ROBOT, 0.9, tol=0.0), "tol: got 0.0", "positive"),

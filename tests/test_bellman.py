@@ -48,7 +48,7 @@ def random_policy(mdp, seed=0):
 # ---------------------------------------------------------------------- expectation, (12)
 
 
-def test_backups_are_the_sums_of_the_equations(mdp):
+def test_backups_are_the_sums(mdp):
     """Each backup against the four-argument sums, spelled out pair by pair."""
     rng, gamma, pi = np.random.default_rng(1), 0.8, random_policy(mdp)
     V = np.where(mdp.terminal, 0.0, rng.normal(size=mdp.n_states))
@@ -135,7 +135,7 @@ def test_markov_reward_process_of_a_policy(mdp):
     assert_allclose(P.sum(axis=1), 1.0)
 
 
-def test_sparse_and_dense_solution_agree():
+def test_sparse_and_dense_solution():
     rng = np.random.default_rng(0)
     m = random_mdp(2500, 2, n_next=4, rng=rng)  # large and sparse enough for the sparse solver
     pi = uniform_policy(m)
@@ -150,7 +150,7 @@ def test_sparse_and_dense_solution_agree():
 def test_proper_means_that_the_end_is_certain():
     m = stay_or_go()
     stay, go, either = ([[1.0 - p, p], [1.0, 0.0]] for p in (0.0, 1.0, 0.01))
-    assert not is_proper(m, stay) and is_proper(m, go) and is_proper(m, either)
+    assert [is_proper(m, pi) for pi in (stay, go, either)] == [False, True, True] and is_proper(m, go) is True
     assert_allclose(solve_policy(m, either, 1.0), [-1.0, 0.0])
     assert_allclose(solve_policy(m, stay, 0.9), 0.0)
     with pytest.raises(ValueError, match="pi: never terminates from state 0"):

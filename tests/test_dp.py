@@ -94,6 +94,7 @@ def test_stops_when_no_value_changes_by_tol(method):
     assert stopped.n_iter == 3 and not stopped.converged and stopped.V[0] == 1.75
     exact = method(*args, tol=0.26, max_iter=3)
     assert exact.n_iter == 3 and exact.converged
+    assert not method(*args, tol=0.25, max_iter=3).converged  # a change of exactly tol is not below it
     assert method(*args, tol=1.5).n_iter == 1 and method(*args, tol=1.5).converged
     assert method(*args, tol=1e-9, V0=2.0).n_iter == 1  # starts at the solution
     assert method(*args, V0=[2.0]).V[0] == 2.0
@@ -121,7 +122,7 @@ def test_improvement_of_the_uniform_policy_is_optimal_on_the_4x4_grid():
     assert_allclose(solve_policy(grid, policy_improvement(grid, v, 1.0), 1.0), STEPS)
 
 
-def test_improvement_keeps_a_row_that_is_greedy_already():
+def test_improvement_keeps_a_row_that_is_greedy():
     grid = gridworld()
     pi = np.zeros((16, 4))
     pi[:, 3] = 1.0  # left, which is one of several best actions in half of the states
@@ -144,7 +145,13 @@ def test_improvement_margin_is_relative_and_small():
         return FiniteMDP.from_outcomes({(0, 0): [(1.0, 1, level)], (0, 1): [(1.0, 1, level - gap)]})
 
     second = np.array([[0.0, 1.0], [1.0, 0.0]])
-    for gap, level, keeps in [(1e-11, 0.0, True), (1e-9, 0.0, False), (1e-5, 1e6, True), (1e-5, -1e6, True)]:
+    for gap, level, keeps in [
+        (1e-11, 0.0, True),
+        (1e-10, 0.0, True),
+        (1.5e-10, 0.0, False),
+        (1e-5, 1e6, True),
+        (1e-5, -1e6, True),
+    ]:
         assert policy_improvement(twin(gap, level), 0.0, 1.0, pi=second)[0, 1] == keeps
     assert policy_improvement(twin(1e-3, 1e6), 0.0, 1.0, pi=second)[0, 1] == 0
 
@@ -203,6 +210,9 @@ def test_improper_policies_are_refused_at_gamma_1():
     grid = gridworld()
     with pytest.raises(ValueError, match="pi: never terminates from state 1,"):
         policy_iteration(grid, 1.0, pi0=deterministic_policy(grid, np.zeros(16, int)))
+    trap = FiniteMDP.from_outcomes({(0, 0): [(1.0, 2, -1.0)], (1, 0): [(1.0, 1, -1.0)]})  # 0 ends, 1 does not
+    with pytest.raises(ValueError, match="gamma: got 1, but no policy terminates from state 1,"):
+        value_iteration(trap, 1.0)
     for method in (value_iteration, policy_iteration):
         with pytest.raises(ValueError, match="no policy terminates|never terminates"):
             method(loop(), 1.0)
@@ -317,13 +327,20 @@ def test_bound_at_gamma_1_counts_steps():
     assert error_bound(m, zero, 1.0) == pytest.approx(5.0, rel=1e-5)
     exact = -np.arange(5, -1, -1.0)
     assert error_bound(m, exact, 1.0) < 1e-13 and policy_error_bound(m, pi, exact, 1.0) < 1e-13
-    below = exact - 2.0  # too low: true error 2, residual 0 but for the last step
-    assert 2.0 <= error_bound(m, below, 1.0) <= 10.0 + 1e-4
-    assert error_bound(m, below + 0.0 * zero, 0.5) >= np.abs(np.where(m.terminal, 0, below) - _discounted(5)).max()
+    # too low by 2: the last step has a residual of 2, and nothing can take more than 5 steps
+    assert error_bound(m, exact - 2.0, 1.0) == pytest.approx(10.0, rel=1e-5)
+    cheap = chain([-0.25] * 5)
+    assert error_bound(cheap, exact / 4 - 2.0, 1.0) == pytest.approx(10.0, rel=1e-5)
+    assert error_bound(cheap, zero, 1.0) == pytest.approx(1.25, rel=1e-5)
 
 
-def _discounted(n, gamma=0.5):
-    return np.array([-(1 - gamma ** (n - s)) / (1 - gamma) for s in range(n + 1)])
+def test_bound_at_gamma_1_includes_rounding():
+    """At the solution itself it is the rounding of one backup, twice (of V and of the greedy policy's), for 5 steps."""
+    m, exact = chain([-3.0] * 5), -3.0 * np.arange(5, -1, -1)
+    one = 5 * np.finfo(float).eps * (3 + 15)  # one outcome and 4 more operations, on numbers up to |r| + |V|
+    assert error_bound(m, exact, 1.0) == pytest.approx(2 * 5 * one, rel=1e-3)
+    assert policy_error_bound(m, np.ones((6, 1)), exact, 1.0) == pytest.approx(5 * one, rel=1e-3)
+    assert error_bound(m, exact, 0.5) > policy_error_bound(m, np.ones((6, 1)), exact, 0.5) - 1e-14 > 2.0
 
 
 def test_bound_is_infinite_where_nothing_is_certain():
@@ -355,7 +372,15 @@ def test_terminal_values_given_are_counted_as_zero():
 def test_solution_says_what_it_is():
     found = value_iteration(recycling_robot(), 0.9)
     assert found.pi.shape == found.Q.shape == (2, 3) and found.V.shape == (2,)
-    assert isinstance(found.converged, bool) and isinstance(found.bound, float) and isinstance(found.n_iter, int)
+    grid = gridworld()
+    several = [found, policy_iteration(grid, 1.0), policy_evaluation(grid, uniform_policy(grid), 1.0, tol=1e-3)]
+    several += [
+        policy_evaluation(grid, uniform_policy(grid), 0.9),
+        value_iteration(grid, 1),
+        policy_iteration(grid, 0.9),
+    ]
+    for x in several:
+        assert type(x.converged) is bool and type(x.bound) is float and type(x.n_iter) is int
     assert found.Q[0, 2] == -np.inf
     with pytest.raises(AttributeError):
         found.V = 0

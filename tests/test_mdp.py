@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from worlds import awkward, chain, gridworld5x5, loop, stay_or_go
 
 from rlcore.bellman import solve_policy
+from rlcore.compiled import HAVE_NUMBA
 from rlcore.envs import gridworld, random_mdp, random_walk, recycling_robot
 from rlcore.mdp import (
     FiniteMDP,
@@ -319,15 +320,14 @@ def test_mean_return_is_the_value():
     pi, rng = uniform_policy(robot), np.random.default_rng(0)
     v = solve_policy(robot, pi, 0.9)
     assert_allclose(v, [14.0708, 12.0059], atol=5e-5)
-    for s in (HIGH, LOW):
-        G = sample_returns(robot, pi, 0.9, 20_000, s=s, max_steps=200, rng=rng)
-        assert abs(G.mean() - v[s]) < 4 * G.std() / np.sqrt(20_000) < 0.1  # worst over 20 seeds 0.04
-    q = 0.9 * v[HIGH]
-    G = sample_returns(robot, pi, 0.9, 20_000, s=LOW, a=RECHARGE, max_steps=200, rng=rng)
-    assert abs(G.mean() - q) < 4 * G.std() / np.sqrt(20_000) < 0.1  # with a ignored: 0.66 off
+    n = 20_000 if HAVE_NUMBA else 1000  # a band of 0.07, or 0.33
+    for s, a, expected in [(HIGH, None, v[HIGH]), (LOW, None, v[LOW]), (LOW, RECHARGE, 0.9 * v[HIGH])]:
+        G = sample_returns(robot, pi, 0.9, n, s=s, a=a, max_steps=200, rng=rng)
+        # worst over 20 seeds 0.04 at n = 20,000; with the first action ignored 0.66 off
+        assert abs(G.mean() - expected) < 4 * G.std() / np.sqrt(n) < 0.1 * np.sqrt(20_000 / n)
 
 
-def test_sampled_returns_of_a_certain_process_are_exact():
+def test_sampled_returns_of_a_certain_process():
     m, rewards = chain([1.0, 2.0, -4.0, 8.0]), [1.0, 2.0, -4.0, 8.0]
     pi, rng = uniform_policy(m), np.random.default_rng(0)
     G = sample_returns(m, pi, 0.5, 3, s=0, max_steps=10, rng=rng)

@@ -381,7 +381,7 @@ def test_start_and_transitions_are_within_bounds():
 def cartpole_reinforce(n_episodes, *, alpha=0.2, seed=0):
     scale = np.array([2.4, 2.0, 0.21, 2.0])
     return reinforce_linear(
-        lambda r: cartpole_start(rng=r), cartpole_step, cartpole_upright, 2, 0.99, n_episodes,
+        cartpole_start, cartpole_step, cartpole_upright, 2, 0.99, n_episodes,
         alpha=alpha, scale=scale, rng=rng(seed),
     )  # fmt: skip
 
@@ -398,7 +398,7 @@ def test_reinforce_balances_after_thousands_of_steps():
 def test_first_reinforce_step_is_the_gradient_by_hand():
     """Two steps, then the end: G = (1 + gamma, 1); with equal preferences the gradient of log pi is +-1/2."""
     run = reinforce_linear(
-        lambda r: np.array([1.0]), lambda x, a: x + 1, lambda x: x[0] < 3, 2, 0.5, 1, alpha=2.0, scale=2.0, rng=rng(0)
+        lambda rng: np.array([1.0]), lambda x, a: x + 1, lambda x: x[0] < 3, 2, 0.5, 1, alpha=2.0, scale=2.0, rng=rng(0)
     )
     a = [int(rng_value >= 0.5) for rng_value in rng(0).random(2)]
     expected = np.zeros(2)

@@ -1,9 +1,9 @@
 """Figures of chapter 3: models, planning in them, and what learns without them."""
 
+import matplotlib as mpl
 import numpy as np
-from matplotlib.collections import PolyCollection
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import PowerNorm
-from matplotlib.patches import Rectangle
 
 from rlcore.plots.style import PALETTE, arrow, band, box, heatmap, new_diagram, new_figure
 
@@ -62,20 +62,23 @@ def loop_diagram(labels=("act", "store (s, a, r, s')", "fit the model", "plan in
 
 
 def prediction_errors(real, predicted, k):
-    """Pole angle k steps ahead, real against predicted, and how the error grows. fig-7
+    """Angular velocity of the pole k steps ahead, real against predicted, and how the error grows. fig-7
 
     real, predicted: (T + 1, n, 4) states of the same n runs under the same actions.
     """
     fig, (left, right) = new_figure(1, 2, width=6.6, height=3.3)
-    degrees = np.degrees(np.stack([real, predicted])[..., 2])
-    low, high = degrees[0].min(), degrees[0].max()
-    left.plot([low, high], [low, high], color=GREY, ls="-", lw=1.2)
-    left.plot(degrees[0, k], degrees[1, k], ".", color=BLUE, ms=6)
-    left.set(xlabel="real angle (degrees)", ylabel="predicted angle", title=f"{k} steps ahead")
-    error = np.sqrt(np.mean((degrees[1] - degrees[0]) ** 2, axis=1))
+    spin = np.degrees(np.stack([real, predicted])[..., 3])
+    ends = [spin[0].min(), spin[0].max()]
+    left.plot(ends, ends, color=GREY, ls="-", lw=1.2)
+    left.plot(spin[0, k], spin[1, k], ".", color=BLUE, ms=6)
+    left.set(xlabel="real speed (degrees/s)", ylabel="predicted", title=f"{k} step{'s' * (k > 1)} ahead")
+    error = np.sqrt(np.mean((spin[1] - spin[0]) ** 2, axis=1))
     right.plot(np.arange(1, error.size), error[1:], color=RED)
     right.plot([k], [error[k]], "o", color=RED, ms=9)
-    right.set(xlabel="steps ahead k", ylabel="error (degrees)", yscale="log", ylim=(1e-6, 3), title="root mean square")
+    right.set(
+        xlabel="steps ahead k", ylabel="error (degrees/s)", yscale="log", ylim=(0.01, 30), title="root mean square"
+    )
+    right.minorticks_off()
     return fig
 
 
@@ -153,7 +156,7 @@ def family_tree(leaf=None):
 def descent_path(C, path, epsilon, ax=None):
     """Points of gradient descent on the curve C. fig-11"""
     fig, ax = (None, ax) if ax is not None else new_figure()
-    v = np.linspace(-3, 3, 200)
+    v = np.linspace(-3, 3, 101)
     ax.plot(v, C(v), color=GREY, ls="-")
     shown = path[np.abs(path) <= 3.5]
     ax.plot(shown, C(shown), "o-", color=BLUE, lw=1.2, ms=5)
@@ -174,32 +177,34 @@ def descent_panels(C, paths):
     return fig
 
 
-def q_table(Q, mdp, shape, *, flash=None, title="", ax=None, vmax=1.0):
+Q_CMAP, Q_NORM = mpl.colormaps["YlGnBu"], PowerNorm(0.5, 0, 1)  # a root scale, so that the first small values show
+
+
+def q_table(Q, mdp, shape, *, flash=None, title="", ax=None):
     """A Q-table of a maze: each cell in four triangles, one an action (up, down, right, left). fig-12
 
-    Q: (S, 4). shape: rows and columns. flash: (s, a), drawn in red. Walls are grey, S is the start, G the goal.
+    Q: (S, 4), drawn on a scale from 0 to 1. shape: rows and columns. flash: (s, a), drawn in red. Walls are grey, S is
+    the start, G the goal.
     """
-    fig, ax = (None, ax) if ax is not None else new_figure(width=6.4, height=4.3)
-    corners = np.array([[(-0.5, -0.5), (0.5, -0.5)], [(0.5, 0.5), (-0.5, 0.5)], [(0.5, -0.5), (0.5, 0.5)],
-                        [(-0.5, 0.5), (-0.5, -0.5)]])  # fmt: skip
-    triangles = np.concatenate([corners, np.zeros((4, 1, 2))], axis=1)
-    centres = np.stack(np.divmod(np.arange(mdp.n_states), shape[1])[::-1], axis=1)
-    cells = centres[:, None, None, :] + triangles
-    picture = PolyCollection(cells.reshape(-1, 3, 2), array=np.ravel(Q), cmap="YlGnBu", lw=0.4, ec="#BBBBBB")
-    picture.set_norm(PowerNorm(0.5, 0, vmax))  # so that the first small values show
-    ax.add_collection(picture)
+    fig, ax = (ax.figure, ax) if ax is not None else new_figure(width=6.4, height=4.3)
+    side = np.arange(24) - 11.5
+    across, down = np.meshgrid(side, side)
+    action = np.where(np.abs(across) > np.abs(down), np.where(across > 0, 2, 3), np.where(down < 0, 0, 1))
+    colour = Q_CMAP(Q_NORM(Q))[..., :3]
     if flash is not None:
-        ax.add_collection(PolyCollection([cells[flash]], fc=RED, ec=RED, lw=2))
-    for s, (x, y) in enumerate(centres):
-        if (mdp.next_state[s] == s).all() and not mdp.terminal[s]:
-            ax.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc="#9A9A9A", ec="white"))
-        elif text := "S" * int(mdp.start[s] > 0) + "G" * int(mdp.terminal[s]):
-            ax.text(
-                x, y, text, ha="center", va="center", fontweight="bold", bbox={"fc": "white", "ec": "none", "pad": 1}
-            )
-    ax.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5), aspect="equal", xticks=[], yticks=[], title=title)
+        colour[flash] = mpl.colors.to_rgb(RED)
+    wall = (mdp.next_state == np.arange(mdp.n_states)[:, None, None]).all(axis=(1, 2)) & ~mdp.terminal
+    cells = np.where(wall[:, None, None, None], 0.6, colour[:, action])
+    lines = (np.abs(across) == np.abs(down)) | (np.abs(across) == 11.5) | (np.abs(down) == 11.5)
+    cells[:, lines] = 0.75
+    bitmap = cells.reshape(*shape, 24, 24, 3).swapaxes(1, 2).reshape(shape[0] * 24, shape[1] * 24, 3)
+    ax.imshow(bitmap, extent=(-0.5, shape[1] - 0.5, shape[0] - 0.5, -0.5), interpolation="none")
+    for s, text in ((mdp.start.argmax(), "S"), (mdp.terminal.argmax(), "G")):
+        ground = {"fc": "white", "ec": "none", "pad": 1}
+        ax.text(s % shape[1], s // shape[1], text, ha="center", va="center", fontweight="bold", bbox=ground)
+    ax.set(xticks=[], yticks=[], title=title)
     ax.grid(False)
-    return fig if fig is not None else picture
+    return fig
 
 
 def q_tables(history, episodes, mdp, shape):
@@ -207,8 +212,8 @@ def q_tables(history, episodes, mdp, shape):
     fig, axes = new_figure(2, 2, width=7.2, height=5.2)
     for ax, k in zip(axes.flat, episodes):
         word = "episode" if k == 1 else "episodes"
-        picture = q_table(history[k], mdp, shape, title=f"after {k} {word}", ax=ax)
-    fig.colorbar(picture, ax=axes, shrink=0.8, label="Q(s, a)")
+        q_table(history[k], mdp, shape, title=f"after {k} {word}", ax=ax)
+    fig.colorbar(ScalarMappable(Q_NORM, Q_CMAP), ax=axes, shrink=0.8, label="Q(s, a)")
     return fig
 
 
@@ -245,7 +250,7 @@ def cart_pole_costs(run_lengths, n_fit):
     ax.plot([], [], color=BLUE, ls="-", label="REINFORCE, mean of 10 episodes")
     ax.axvline(n_fit, color=RED, ls="--", label=f"shooting: model from {n_fit} transitions, 200 steps")
     ax.plot([n_fit], [200], "o", color=RED, ms=9)
-    ax.set(xscale="log", xlabel="real transitions used (log scale)", ylabel="steps balanced", ylim=(0, 255))
+    ax.set(xscale="log", xlabel="real transitions used (log scale)", ylabel="steps balanced", ylim=(0, 310))
     ax.legend(loc="upper left")
     return fig
 
@@ -258,7 +263,7 @@ def rewards_over_time(curves, change):
         x = np.linspace(0, 3000, values.shape[1])
         band(ax, x, values.mean(axis=0), np.percentile(values, [25, 75], axis=0), label)
     ax.axvline(change, color=GREY, ls="-", lw=1.2)
-    ax.text(change - 40, ax.get_ylim()[1] * 0.55, "the passage\nmoves", color=GREY, ha="right")
+    ax.text(change + 40, 0, "the passage moves", color=GREY)
     ax.set(xlabel="real steps", ylabel="rewards so far")
     ax.legend(loc="upper left")
     return fig
@@ -293,5 +298,6 @@ def value_iteration_progress(V, shape, errors, gamma, k):
     right.plot(x, errors[: x.size], color=BLUE, label="error")
     right.plot([k], [errors[k]], "o", color=RED, ms=9) if k < errors.size else None
     right.set(yscale="log", ylim=(1e-9, 100), xlim=(-2, 102), xlabel="sweeps k", ylabel="largest error")
+    right.minorticks_off()
     right.legend(loc="lower left" if gamma > 0.6 else "upper right")
     return fig
