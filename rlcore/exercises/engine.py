@@ -100,7 +100,8 @@ class Exercise:
     def bind(self, source):
         """What `source` gives the exercise's name: a function or a value."""
         scope = {"__name__": self.id}
-        exec(compile(self.setup + "\n" + source, f"<{self.id}>", "exec"), scope)
+        for part in (self.setup, source):  # apart, as in the cells of a notebook: together they compile to other code
+            exec(compile(part, f"<{self.id}>", "exec"), scope)
         return scope[self.name]
 
     def make_cases(self):
