@@ -14,7 +14,7 @@ THREADS_2 := OMP_NUM_THREADS=2 OPENBLAS_NUM_THREADS=2 NUMBA_NUM_THREADS=2
 NARROW := NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL AVX512_SPR" OPENBLAS_CORETYPE=Nehalem \
 	ATEN_CPU_CAPABILITY=default NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/_build/numba-narrow
 
-.PHONY: book test check lab outputs clean install lint unit html pages notebooks
+.PHONY: book test check lab outputs clean install lint unit html pages notebooks mutation
 
 install: $(STAMP)
 
@@ -69,6 +69,10 @@ lab: $(STAMP)
 
 outputs: $(STAMP)
 	@$(BIN)/python book/_ext/outputs.py $(NOTEBOOKS)
+
+# break every line on purpose: a test must fail (about an hour, resumable)
+mutation: $(STAMP)
+	@$(BIN)/python tests/mutation.py
 
 clean:
 	rm -rf _build .ruff_cache .hypothesis *.egg-info

@@ -1,8 +1,367 @@
-"""solve: optimal values and policy, quick at every scale."""
+"""solve: optimal values and policy, quick at every scale (chapter 3).
+
+Three ways to repeat the Bellman optimality backup (16), tried in this order, and one certificate for all:
+
+* sweeps over all states at once with the span stop, for processes that soon forget where they started;
+* a queue of the states that may still change, for long paths;
+* modified policy iteration with the span stop, for what neither of them ends.
+
+Each starts below v_*. Source: MacQueen (1966); Puterman (1994), sections 6.5 to 6.7.
+"""
+
+import numpy as np
+
+from rlcore.bellman import _reaches, greedy, policy_matrix, q_from_v, solve_policy
+from rlcore.compiled import compiled
+from rlcore.mdp import check_gamma, uniform_policy
+from rlcore.results import Solution
+
+ULP = float(np.finfo(float).eps) / 2  # relative error of one operation
+SUM_TOL = 1e-9  # by how much FiniteMDP allows the probabilities of a pair to miss 1
+SWEEPS, QUEUE, POLICIES = 0, 1, 2  # the three ways
+STAND = 4  # sweeps for which a policy stands
+WINDOW = 6  # times that actions are compared before the contraction of the span is judged
+PATIENCE = 10.0  # windows that it may still need; where it needs more, the queue takes over
+QUEUE_CAP = 400  # backups a state, and a million in all, after which policies take over from the queue
+MOST = 100_000  # backups a state at gamma = 1, where nothing contracts
 
 
 def solve(mdp, gamma, tol=1e-6):
-    """Optimal values and policy with a certified sup-norm error of at most tol."""
-    from rlcore.dp import value_iteration
+    """Optimal values and policy with a certified error: max |V - v_*| <= bound. eq-16, alg-value-iteration
 
-    return value_iteration(mdp, gamma, tol=max(tol * (1 - gamma) / 2, 1e-12))
+    tol: the bound that is wanted, positive; where doubles cannot give it, converged is False and bound says what was
+    reached. gamma = 1: a bound needs a cost on every step (see dp.error_bound); without one, bound is inf and
+    converged False. Returns a Solution; n_iter counts sweeps, history is None, for none is kept.
+    Raises ValueError for gamma outside [0, 1], for tol that is not positive, and at gamma = 1 where a state cannot
+    reach a terminal one or values grow without end. Source: Puterman (1994), theorems 6.6.3 and 6.6.6.
+    """
+    gamma = check_gamma(gamma)
+    if not (np.ndim(tol) == 0 and np.isfinite(tol) and tol > 0):
+        raise ValueError(f"tol: got {tol!r}, must be a positive number")
+    if gamma == 1:
+        V, bound, n_iter = _undiscounted(mdp, float(tol))
+        Q = q_from_v(mdp, V, gamma)
+        pi = greedy(Q)
+    elif _is_dense(mdp):
+        V, Q, pi, bound, n_iter = _solve_dense(mdp, gamma, float(tol))
+    else:
+        V, Q, pi, bound, n_iter = _solve_sparse(*_arrays(mdp), *_rest(mdp), gamma, float(tol))
+    return Solution(V, Q, pi, n_iter, bool(bound <= tol), bound, None)
+
+
+def _arrays(mdp):
+    return mdp.next_state.view(np.uint32), mdp.prob  # unsigned: a gather V[next_state] without test for a sign, 3x
+
+
+def _rest(mdp):
+    return mdp.reward, mdp.legal, mdp.terminal
+
+
+@compiled
+def _solve_sparse(next_state, prob, reward, legal, terminal, gamma, tol):
+    """V, Q, pi, bound, number of sweeps."""
+    r, low, scale = _expected_reward(prob, reward, legal, terminal)
+    S, noise = r.shape[0], (prob.shape[2] + 6) * ULP  # of a backup: K products and sums, and a few more
+    V, Q, pi = _lower_bound(low, terminal, gamma), np.empty_like(r), np.zeros(S, np.uint32)
+    stand = np.empty((S, prob.shape[2])), np.empty((S, prob.shape[2]), np.uint32), np.empty(S), np.empty(S)
+    way = SWEEPS if prob.shape[2] > 1 else QUEUE  # where nothing is random nothing is forgotten
+    small = tol * (1 - gamma) / max(gamma, 0.5)  # a residual that certifies tol / 2
+    rounds, n_iter, bound, old, rounding = 0, 0, np.inf, np.inf, np.inf
+    while rounds == 0 or (bound > max(tol, 1.5 * rounding) and n_iter < 1000 + 60 / (1 - gamma)):
+        if way == QUEUE:
+            n_iter += _queue(next_state, prob, r, terminal, gamma, V, small, max(QUEUE_CAP, 10**6 // S))
+            way = POLICIES if n_iter > QUEUE_CAP else QUEUE
+        elif rounds > 0:
+            n_iter += _stand(next_state, prob, r, terminal, gamma, V, pi, 20 if way == POLICIES else STAND, *stand)
+        _lookahead(next_state, prob, r, gamma, V, Q)
+        V, shift, half, bound, rounding = _certify(Q, V, terminal, pi, gamma, noise * scale, noise)
+        if way == SWEEPS and rounds % WINDOW == 0:
+            way, old = SWEEPS if _ends_soon(old, bound, tol) else QUEUE, bound
+        if way == QUEUE and half * (1 - gamma) <= small:  # the queue did what it was asked; rounding wants more
+            small = small / 4
+        rounds, n_iter = rounds + 1, n_iter + 1
+    return *_finish(Q, V, terminal, shift, half), bound, n_iter
+
+
+@compiled
+def _ends_soon(old, bound, tol):
+    """Whether PATIENCE windows will do at the rate of the last one."""
+    return old == np.inf or (bound < old and np.log(bound / tol) < PATIENCE * np.log(old / bound))
+
+
+# ---------------------------------------------------------------------- the backup
+
+
+@compiled
+def _expected_reward(prob, reward, legal, terminal):
+    """r(s, a) with -inf for actions that a state has not; min over s of max over a of it; largest E|R|. eq-4"""
+    S, A, K = prob.shape
+    r, low, scale = np.empty((S, A)), np.inf, 0.0
+    for s in range(S):
+        best = -np.inf
+        for a in range(A):
+            mean = size = 0.0
+            for k in range(K):
+                mean += prob[s, a, k] * reward[s, a, k]  # eq-4
+                size += prob[s, a, k] * abs(reward[s, a, k])
+            r[s, a] = mean if legal[s, a] else -np.inf
+            best, scale = max(best, r[s, a]), max(scale, size)
+        if not terminal[s]:
+            low = min(low, best)
+    return r, low, scale
+
+
+@compiled
+def _lower_bound(low, terminal, gamma):
+    """A constant V below its own backup, hence below v_*: what earning `low` for ever is worth; 0 where it ends."""
+    V, ends = np.zeros(terminal.size), False
+    for s in range(V.size):
+        ends = ends or terminal[s]
+    for s in range(V.size):
+        if not terminal[s]:
+            V[s] = min(low / (1 - gamma), 0.0) if ends else low / (1 - gamma)
+    return V
+
+
+@compiled
+def _value(next_state, prob, r, gamma, V, s, a):
+    q = 0.0
+    for k in range(prob.shape[2]):
+        q += prob[s, a, k] * V[next_state[s, a, k]]
+    return r[s, a] + gamma * q  # eq-15
+
+
+@compiled
+def _best(next_state, prob, r, gamma, V, s):
+    """Largest value of an action in state s, and the first action that has it."""
+    best, action = -np.inf, 0
+    for a in range(prob.shape[1]):
+        q = 0.0
+        for k in range(prob.shape[2]):
+            q += prob[s, a, k] * V[next_state[s, a, k]]
+        q = r[s, a] + gamma * q  # eq-15
+        if q > best:
+            best, action = q, a
+    return best, action  # eq-16
+
+
+@compiled
+def _lookahead(next_state, prob, r, gamma, V, Q):
+    """Q (S, A), the values of all actions for V."""
+    for s in range(Q.shape[0]):
+        for a in range(Q.shape[1]):
+            q = 0.0
+            for k in range(prob.shape[2]):
+                q += prob[s, a, k] * V[next_state[s, a, k]]
+            Q[s, a] = r[s, a] + gamma * q  # eq-15
+
+
+# ---------------------------------------------------------------------- the certificate
+
+
+@compiled
+def _certify(Q, V, terminal, pi, gamma, reward_noise, noise):
+    """From Q, the lookahead of V: a lower bound of v_*, its shift, half the gap to the upper one, error, rounding.
+
+    Where lo <= max Q - V <= hi in every state, v_* lies between max Q + gamma lo / (1 - gamma) and the same with hi.
+    Fills pi with the maximising actions. noise: relative rounding error of a backup. Source: MacQueen (1966).
+    """
+    S, A = Q.shape
+    lo, hi, top, TV = np.inf, -np.inf, 0.0, np.zeros(S)
+    for s in range(S):
+        change = 0.0
+        if not terminal[s]:
+            best, action = Q[s, 0], 0
+            for a in range(1, A):
+                if Q[s, a] > best:
+                    best, action = Q[s, a], a
+            TV[s], pi[s], change = best, action, best - V[s]
+        lo, hi, top = min(lo, change), max(hi, change), max(top, abs(V[s]))
+    shift, half = gamma * lo / (1 - gamma), gamma * (hi - lo) / (1 - gamma) / 2
+    for s in range(S):
+        if not terminal[s]:
+            TV[s] += shift
+    if gamma * (1 + SUM_TOL) >= 1:
+        return TV, shift, half, np.inf, np.inf
+    sums = 2 * SUM_TOL * max(abs(lo), abs(hi)) / (1 - gamma) / (1 - gamma * (1 + SUM_TOL))
+    rounding = (reward_noise + noise * (top + abs(shift) + half)) / (1 - gamma)
+    return TV, shift, half, half + sums + rounding, rounding
+
+
+@compiled
+def _finish(Q, V, terminal, shift, half):
+    """V, Q and greedy policy in the middle of the bounds."""
+    S, A = Q.shape
+    pi = _one_hot(Q)
+    for s in range(S):
+        if not terminal[s]:
+            for a in range(A):
+                Q[s, a] += shift + half
+            V[s] += half
+    return V, Q, pi
+
+
+@compiled
+def _one_hot(Q):
+    """The policy that takes the first maximising action."""
+    pi = np.zeros(Q.shape)
+    for s in range(Q.shape[0]):
+        action = 0
+        for a in range(1, Q.shape[1]):
+            if Q[s, a] > Q[s, action]:
+                action = a
+        pi[s, action] = 1.0
+    return pi
+
+
+# ---------------------------------------------------------------------- three ways to repeat the backup
+
+
+@compiled
+def _stand(next_state, prob, r, terminal, gamma, V, pi, n, rows, columns, gain, old):
+    """n sweeps in which the actions pi stand, on a copy of their rows (2x). Returns n.
+
+    rows, columns: (S, K), gain, old: (S,), to work in: fresh memory each time costs a fifth more at 10^6 states.
+    """
+    S, K = V.size, prob.shape[2]
+    for s in range(S):
+        gain[s] = r[s, pi[s]]
+        for k in range(K):
+            rows[s, k], columns[s, k] = prob[s, pi[s], k], next_state[s, pi[s], k]
+    for _ in range(n):
+        old[:] = V
+        for s in range(S):
+            if not terminal[s]:
+                q = 0.0
+                for k in range(K):
+                    q += rows[s, k] * old[columns[s, k]]
+                V[s] = gain[s] + gamma * q
+    return n
+
+
+@compiled
+def _queue(next_state, prob, r, terminal, gamma, V, small, most):
+    """Back up the states that wait, first come first served; a change by more than small calls the predecessors.
+
+    A state compares its actions on its first two visits and on each eighth after them (2x). Returns the number of
+    backups divided by that of the states, at least `most` where it stopped before the queue was empty.
+    """
+    S, n, head, length = V.size, 0, 0, 0
+    first, predecessor = _predecessors(next_state, prob)
+    queue, waits, visits = np.empty(S, np.uint32), np.zeros(S, np.bool_), np.zeros(S, np.uint8)
+    pi = np.zeros(S, np.uint32)
+    for s in range(S):
+        if not terminal[s]:
+            queue[length], waits[s] = s, True
+            length += 1
+    while length > 0 and n < most * S:
+        s = queue[head]
+        head, length, n = head + 1 if head + 1 < S else 0, length - 1, n + 1
+        waits[s] = False
+        if visits[s] < 2:
+            v, pi[s] = _best(next_state, prob, r, gamma, V, s)
+        else:
+            v = _value(next_state, prob, r, gamma, V, s, pi[s])
+        visits[s] = visits[s] + 1 if visits[s] < 8 else 1
+        if abs(v - V[s]) > small:
+            V[s] = v
+            for i in range(first[s], first[s + 1]):
+                j = predecessor[i]
+                if not (waits[j] or terminal[j]):
+                    tail = head + length
+                    queue[tail if tail < S else tail - S], waits[j] = j, True
+                    length += 1
+    return n // S
+
+
+@compiled
+def _predecessors(next_state, prob):
+    """FiniteMDP.predecessors by counting instead of sorting (20x): (first (S + 1,), indices)."""
+    S, A, K = prob.shape
+    first, last = np.zeros(S + 2, np.int64), np.full(S, S, np.uint32)
+    for s in range(S):
+        for a in range(A):
+            for k in range(K):
+                j = next_state[s, a, k]
+                if prob[s, a, k] > 0 and last[j] != s:
+                    first[j + 2] += 1
+                    last[j] = s
+    for j in range(S):
+        first[j + 2] += first[j + 1]
+    indices, last = np.empty(first[S + 1], np.uint32), np.full(S, S, np.uint32)
+    for s in range(S):
+        for a in range(A):
+            for k in range(K):
+                j = next_state[s, a, k]
+                if prob[s, a, k] > 0 and last[j] != s:
+                    indices[first[j + 1]] = s
+                    first[j + 1] += 1
+                    last[j] = s
+    return first[: S + 1], indices
+
+
+# ---------------------------------------------------------------------- dense rows, and gamma = 1
+
+
+def _is_dense(mdp):
+    """Whether every row lists all states in order, so that a sweep is one matrix product."""
+    S, A, K = mdp.prob.shape
+    return K == S > 64 and _in_order(mdp.next_state)
+
+
+@compiled
+def _in_order(next_state):
+    """Without the (S, A, S) booleans that NumPy would need: 3x."""
+    S, A, K = next_state.shape
+    for s in range(S):
+        wrong = 0
+        for a in range(A):
+            for k in range(K):
+                wrong |= next_state[s, a, k] ^ k
+        if wrong != 0:
+            return False
+    return True
+
+
+def _solve_dense(mdp, gamma, tol):
+    """As _solve_sparse, each sweep one matrix product (5x at S = 1000)."""
+    S, A, K = mdp.prob.shape
+    P, noise = mdp.prob.reshape(S * A, S), (K + 6) * ULP
+    r, scale = np.einsum("sak,sak->sa", mdp.prob, mdp.reward), max(mdp.reward.max(), -mdp.reward.min())
+    r[~mdp.legal] = -np.inf
+    V = _lower_bound(r.max(axis=1)[~mdp.terminal].min(), mdp.terminal, gamma)
+    pi, P_pi, n_iter, bound, old = r.argmax(axis=1), np.empty((S, S)), 0, np.inf, np.inf
+    while n_iter % (WINDOW * (1 + STAND)) or _ends_soon(old, bound, tol):
+        old = old if n_iter % (WINDOW * (1 + STAND)) else bound
+        row = np.arange(0, S * A, A) + pi
+        np.take(P, row, axis=0, out=P_pi, mode="clip")
+        for _ in range(STAND):
+            V = r.ravel()[row] + gamma * (P_pi @ V)
+        Q = r + gamma * (P @ V).reshape(S, A)
+        V, shift, half, bound, _ = _certify(Q, V, mdp.terminal, pi, gamma, noise * scale, noise)
+        n_iter += 1 + STAND
+        if bound <= tol:
+            return *_finish(Q, V, mdp.terminal, shift, half), bound, n_iter
+    *found, more = _solve_sparse(*_arrays(mdp), *_rest(mdp), gamma, tol)
+    return *found, n_iter + more
+
+
+def _undiscounted(mdp, tol):
+    """V, bound, number of sweeps at gamma = 1, rising from the value of the uniform policy."""
+    from rlcore.dp import error_bound
+
+    pi = uniform_policy(mdp)
+    if not (ends := _reaches(policy_matrix(mdp, pi)[0], mdp.terminal)).all():
+        raise ValueError(
+            f"gamma: got 1, but no policy ends from state {np.flatnonzero(~ends)[0]}, must be below 1 here"
+        )
+    V = solve_policy(mdp, pi, 1.0)
+    r, _, scale = _expected_reward(mdp.prob, mdp.reward, mdp.legal, mdp.terminal)
+    n_iter, bound, small, noise = 0, np.inf, tol, (mdp.prob.shape[2] + 6) * ULP * (scale + np.abs(V).max())
+    while bound > tol and small > noise:
+        small = max(small / 100, noise)
+        n_iter += (more := _queue(*_arrays(mdp), r, mdp.terminal, 1.0, V, small, MOST))
+        if more >= MOST:
+            raise ValueError(f"gamma: got 1, but values still grow after {MOST} sweeps, must be below 1 here")
+        bound = error_bound(mdp, V, 1.0)
+    return V, bound, n_iter

@@ -37,7 +37,7 @@ def v_from_q(Q, pi):
         raise ValueError(f"pi: got shape {pi.shape}, must be that of Q, {Q.shape}")
     if not (pi >= 0).all():
         raise ValueError(f"pi: contains {pi[~(pi >= 0)][0]:g}, must be probabilities")
-    return np.where(pi > 0, pi * np.where(pi > 0, Q, 0.0), 0.0).sum(axis=1)
+    return (pi * np.where(pi > 0, Q, 0.0)).sum(axis=1)
 
 
 def expectation_backup(mdp, pi, V, gamma):

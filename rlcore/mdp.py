@@ -100,8 +100,8 @@ class FiniteMDP:
     def from_arrays(cls, P, R, *, terminal=None, start=None, state_names=None, action_names=None):
         """Build from P (S, A, S) = p(s'|s, a) and R, either r(s, a) of shape (S, A) or r(s, a, s') of shape (S, A, S).
 
-        A row of zeros in P means that the action is not in A(s). terminal: (S,) bool, default none; their rows of P
-        may be zeros, their rewards must be.
+        A row of zeros in P means that the action is not in A(s); R does not matter where P is 0. terminal: (S,) bool,
+        default none; their rows of P may be zeros, their rewards must be.
         """
         P, R = as_floats("P", P), as_floats("R", R)
         if P.ndim != 3 or P.shape[0] != P.shape[2] or 0 in P.shape:
@@ -115,7 +115,9 @@ class FiniteMDP:
         terminal = np.zeros(len(P), bool) if terminal is None else as_floats("terminal", terminal).astype(bool)
         if terminal.shape != (len(P),):
             raise ValueError(f"terminal: got shape {terminal.shape}, must be ({len(P)},)")
-        bad = terminal[:, None, None] & ((R != 0) | (P > 0) & (np.arange(len(P)) != np.arange(len(P))[:, None, None]))
+        bad = terminal[:, None, None] & (
+            (np.nan_to_num(R) != 0) | (P > 0) & (np.arange(len(P)) != np.arange(len(P))[:, None, None])
+        )
         if bad.any():
             s, a, s_next = np.argwhere(bad)[0]
             name, value = ("R", R[s, a, s_next]) if R[s, a, s_next] else ("P", P[s, a, s_next])
@@ -125,7 +127,6 @@ class FiniteMDP:
         prob = np.take_along_axis(P, order, axis=2)
         legal = (prob > 0).any(axis=2) | terminal[:, None]
         reward = np.where(prob > 0, np.take_along_axis(R, order, axis=2), 0.0)
-        prob, order = prob.copy(), order.copy()
         prob[terminal], prob[terminal, :, 0], order[terminal] = 0.0, 1.0, np.flatnonzero(terminal)[:, None, None]
         return cls(order, prob, reward, legal, terminal, _start(start, terminal), state_names, action_names)
 
@@ -189,7 +190,7 @@ class FiniteMDP:
         bad = np.abs(total - self.legal) > 1e-9
         if bad.any():
             allowed = "1, or 0 for an action that is not legal"
-            raise ValueError(f"prob: sums to {total[bad][0]:.9g} at {_where(bad)}, must be {allowed}")
+            raise ValueError(f"prob: sums to {total[bad][0]:.12g} at {_where(bad)}, must be {allowed}")
         if not self.legal.any(axis=1).all():
             raise ValueError(
                 f"legal: no action at (s={np.flatnonzero(~self.legal.any(axis=1))[0]}), needs at least one"
@@ -202,7 +203,7 @@ class FiniteMDP:
         if bad.any():
             raise ValueError(f"reward: got {self.reward[bad][0]:g} on a terminal state at {_where(bad)}, must be 0")
         if abs(self.start.sum() - 1) > 1e-9:
-            raise ValueError(f"start: sums to {self.start.sum():.9g}, must be 1")
+            raise ValueError(f"start: sums to {self.start.sum():.12g}, must be 1")
         if (self.start[self.terminal] > 0).any():
             raise ValueError("start: puts probability on a terminal state, must be 0 there")
 

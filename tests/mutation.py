@@ -267,7 +267,7 @@ def fingerprint(folder, module):
 
 def work(worker, workers, modules):
     """One of the processes: every workers-th mutant that has no result yet."""
-    folder, done = scratch(worker), results()
+    folder, done, excused = scratch(worker), results(), allowed()
     preload()
     with open(SCRATCH / f"results{worker}.jsonl", "a") as out:
         for module in modules:
@@ -275,8 +275,9 @@ def work(worker, workers, modules):
             original = path.read_text()
             for name, number, digest, source in plan(module, worker, workers):
                 before = done.get(name, {})
-                # a mutant once killed stays killed while its source is the same; a survivor meets every new test
-                if before.get("digest") == digest and (before["killed"] or before["mark"] == mark):
+                # a mutant once killed stays killed while its function is the same; a survivor meets every new test
+                known = before.get("digest") == digest
+                if known and (before["killed"] or before["mark"] == mark or name in excused):
                     continue
                 path.write_text(source)
                 start = time.monotonic()

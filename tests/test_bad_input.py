@@ -57,6 +57,7 @@ CASES = {
     # the process itself
     "prob of two dimensions": (arrays(prob=[[1.0], [1.0]]), "prob: got shape (2, 1)", "must be (S, A, K)"),
     "no states": (arrays(prob=np.zeros((0, 1, 1))), "prob: got shape (0, 1, 1)", "at least 1"),
+    "next_state of another shape": (arrays(next_state=[[1], [1]]), "next_state: got shape (2, 1)", "(2, 1, 1)"),
     "reward of another shape": (arrays(reward=[[[0.0, 1.0]]] * 2), "reward: got shape (2, 1, 2)", "(2, 1, 1)"),
     "legal of another shape": (arrays(legal=[True, True]), "legal: got shape (2,)", "must be (2, 1)"),
     "terminal of another shape": (arrays(terminal=[True]), "terminal: got shape (1,)", "must be (2,)"),
@@ -67,6 +68,8 @@ CASES = {
     "reward inf": (arrays(reward=[[[inf]], [[0.0]]]), "reward: not finite at (s=0, a=0, k=0)", "finite"),
     "negative probability": (arrays(prob=[[[-1.0]], [[1.0]]]), "prob: negative at (s=0, a=0, k=0)", "at least 0"),
     "sum below 1": (arrays(prob=[[[0.9]], [[1.0]]]), "prob: sums to 0.9 at (s=0, a=0)", "must be 1"),
+    "sum just above 1": (arrays(prob=[[[1 + 5e-9]], [[1.0]]]), "prob: sums to 1.000000005 at (s=0, a=0)", "must be 1"),
+    "start just above 1": (arrays(start=[1 + 5e-9, 0.0]), "start: sums to 1.000000005", "must be 1"),
     "sum of an illegal row": (
         arrays(legal=[[False], [True]]), "prob: sums to 1 at (s=0, a=0)", "0 for an action that is not legal",
     ),
@@ -107,7 +110,7 @@ CASES = {
     ),
     "outcomes that sum to 2": (outcomes((1.0, 0, 0.0), (1.0, 1, 0.0)), "prob: sums to 2 at (s=0, a=0)", "must be 1"),
     "key outside the states": (
-        lambda: FiniteMDP.from_outcomes({(3, 0): [(1, 0, 0)]}, n_states=2), "outcomes: key (3, 0) is outside", "0..1",
+        lambda: FiniteMDP.from_outcomes({(2, 0): [(1, 0, 0)]}, n_states=2), "outcomes: key (2, 0) is outside", "0..1",
     ),
     "key outside the actions": (
         lambda: FiniteMDP.from_outcomes({(0, 2): [(1, 0, 0)]}, n_actions=2), "outcomes: key (0, 2)", "0..1 actions",
@@ -122,8 +125,10 @@ CASES = {
     "P in words": (from_arrays("P", 0.0), "P: got 'P'", "numbers"),
     "R of a wrong shape": (from_arrays(np.ones((1, 1, 1)), [1.0]), "R: got shape (1,)", "(1, 1)"),
     "R in words": (from_arrays(np.ones((1, 1, 1)), [["+1"]] and "one"), "R: got 'one'", "numbers"),
-    "P with nan": (from_arrays([[[nan]]], [[0.0]]), "P: contains nan", "probabilities"),
-    "P negative": (from_arrays([[[-1.0]]], [[0.0]]), "P: contains -1", "probabilities"),
+    "P without states": (from_arrays(np.ones((0, 1, 0)), np.ones((0, 1))), "P: got shape (0, 1, 0)", "(S, A, S)"),
+    "P of zeros": (from_arrays([[[0.0]]], [[0.0]]), "legal: no action at (s=0)", "at least one"),
+    "P with nan": (from_arrays([[[nan, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains nan", "probabilities"),
+    "P negative": (from_arrays([[[0.0, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains -1", "probabilities"),
     "P that sums to a half": (from_arrays([[[0.5]]], [[0.0]]), "prob: sums to 0.5 at (s=0, a=0)", "must be 1"),
     "R that is nan": (from_arrays([[[1.0]]], [[nan]]), "reward: not finite at (s=0, a=0, k=0)", "finite"),
     "terminal of a wrong shape": (
@@ -131,7 +136,8 @@ CASES = {
     ),
     "all states terminal": (from_arrays([[[1.0]]], [[0.0]], terminal=[True]), "terminal: every state", "at least one"),
     "R on a terminal state": (
-        from_arrays([[[0, 1.0]], [[0, 0]]], [[0.0], [3.0]], terminal=[False, True]), "R: got 3 at (s=1, a=0", "be 0",
+        from_arrays([[[0, 1.0]], [[0, 0]]], [[0.0], [3.0]], terminal=[False, True]),
+        "R: got 3 at (s=1, a=0, s_next=0", "must be 0",
     ),
     "P leaves a terminal state": (
         from_arrays([[[0, 1.0]], [[1.0, 0]]], [[0.0], [0.0]], terminal=[False, True]), "P: got 1 at (s=1, a=0", "0",
@@ -161,10 +167,13 @@ CASES = {
     "policy as actions": (lambda: bellman.solve_policy(ROBOT, [0, 0], 0.9), "pi: got shape (2,)", "(2, 3)"),
     "policy with nan": (lambda: dp.policy_evaluation(ROBOT, PI * nan, 0.9), "pi: row 0 is [nan", "sum to 1"),
     "policy with a negative entry": (
-        lambda: mdp.check_policy(ROBOT, [[1.5, -0.5, 0], [1, 0, 0]]), "pi: row 0 is [ 1.5 -0.5", "probabilities",
+        lambda: mdp.check_policy(ROBOT, [[1, 0, 0], [1.5, -0.5, 0]]), "pi: row 1 is [ 1.5 -0.5", "probabilities",
     ),
     "policy that does not sum to 1": (
         lambda: dp.policy_iteration(ROBOT, 0.9, pi0=[[1, 0, 0], [0.5, 0, 0]]), "pi: row 1 is [0.5", "sum to 1",
+    ),
+    "policy that hardly misses 1": (
+        lambda: mdp.check_policy(ROBOT, [[1, 0, 0], [1 + 5e-9, 0, 0]]), "pi: row 1 is [1.", "sum to 1",
     ),
     "policy with an illegal action": (
         lambda: bellman.expectation_backup(ROBOT, ILLEGAL, 0.0, 0.9), "pi: probability on an action that is not legal",
@@ -185,6 +194,9 @@ CASES = {
     ),
     "environment to solve": (lambda: dp.policy_iteration(envs.MDPEnv(ROBOT), 0.9), "mdp: got MDPEnv", "FiniteMDP"),
     "nothing to evaluate": (lambda: dp.policy_evaluation(None, PI, 0.9), "mdp: got NoneType", "FiniteMDP"),
+    "nothing to look ahead in": (lambda: bellman.q_from_v(None, 0.0, 0.9), "mdp: got NoneType", "FiniteMDP"),
+    "nothing to act in": (lambda: mdp.deterministic_policy(None, [0]), "mdp: got NoneType", "FiniteMDP"),
+    "nothing to back up": (lambda: bellman.optimality_backup_q(None, PI, 0.9), "mdp: got NoneType", "FiniteMDP"),
     "nothing to search": (lambda: bellman.heuristic_search(None, 0, 1, 0.9), "mdp: got NoneType", "FiniteMDP"),
     "weights for another table": (lambda: bellman.v_from_q(np.zeros((2, 2)), PI), "pi: got shape (2, 3)", "(2, 2)"),
     "negative weights": (lambda: bellman.v_from_q([[0.0, 1.0]], [[2.0, -1.0]]), "pi: contains -1", "probabilities"),
@@ -239,6 +251,7 @@ CASES = {
     "max_iter 1.5": (lambda: dp.policy_evaluation(ROBOT, PI, 0.9, max_iter=1.5), "max_iter: got 1.5", "whole number"),
     "max_iter None": (lambda: dp.policy_iteration(ROBOT, 0.9, max_iter=None), "max_iter: got None", "whole number"),
     "max_iter infinite": (lambda: dp.policy_iteration(ROBOT, 0.9, max_iter=inf), "max_iter: got inf", "whole number"),
+    "V0 of Newton": (lambda: bellman.newton_optimality(ROBOT, 0.9, 1, V0=nan), "V0: contains NaN", "numbers"),
     "n_iter of Newton": (lambda: bellman.newton_optimality(ROBOT, 0.9, 0), "n_iter: got 0", "at least 1"),
     "depth 0": (lambda: bellman.heuristic_search(ROBOT, 0, 0, 0.9), "depth: got 0", "at least 1"),
     "search from nowhere": (lambda: bellman.heuristic_search(ROBOT, 5, 1, 0.9), "s: got 5", "0..1"),

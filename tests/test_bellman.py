@@ -156,6 +156,8 @@ def test_proper_means_that_the_end_is_certain():
     with pytest.raises(ValueError, match="pi: never terminates from state 0"):
         solve_policy(m, stay, 1.0)
     assert not is_proper(loop(), [[1.0]])
+    with pytest.raises(ValueError, match="pi: never terminates from state 0,"):
+        solve_policy(loop(n_states=3), np.ones((3, 1)), 1.0)  # none ends: the first is named
     trap = FiniteMDP.from_outcomes({(0, 0): [(0.5, 2, 0.0), (0.5, 1, 0.0)], (1, 0): [(1.0, 1, 1.0)]})
     assert not is_proper(trap, np.ones((3, 1)))  # reaching the end sometimes is not enough
     with pytest.raises(ValueError, match="pi: never terminates from state 1"):
@@ -232,6 +234,7 @@ def test_greedy_takes_the_first_maximum_and_greedy_actions_all():
     assert greedy_actions(Q, tol=1e-5).all(axis=1).tolist() == [False, False, True]
     large = np.array([[1e6, 1e6 - 1e-4]])
     assert greedy_actions(large).all() and greedy_actions(-large).all()  # the margin is relative to the maximum
+    assert not greedy_actions([[0.0, -1.5e-9]]).all() and not greedy_actions([[1.0, 1 - 2.5e-9]]).all()
     assert greedy_actions([[0.0, -1e-10]]).all() and not greedy_actions([[0.0, -1e-8]]).all()
 
 

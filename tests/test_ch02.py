@@ -36,7 +36,9 @@ def test_tic_tac_toe_positions_by_hand():
     assert values[0b000000001, 0b000010000] == 0  # corner answered by the centre
 
 
-@pytest.mark.parametrize("board, n, value", [((2, 3, 3), 265, 0), ((3, 4, 3), 111973, 1), ((1, 3, 3), 1 + 3 + 6 + 3, 0)])
+@pytest.mark.parametrize(
+    "board, n, value", [((2, 3, 3), 265, 0), ((3, 4, 3), 111973, 1), ((1, 3, 3), 1 + 3 + 6 + 3, 0)]
+)
 def test_other_boards(board, n, value):
     values = game_values(*board)
     assert (len(values), values[0, 0]) == (n, value)

@@ -191,7 +191,14 @@ def test_state_entered_both_ways_is_refused():
 
     with pytest.raises(ValueError, match=r"env: \(s=0, a=1\) enters the terminal state 1 with terminated=False"):
         FiniteMDP.from_env(Both())
-    Both.P = {0: {0: [(1.0, 1, 0.0, True), (0.0, 0, 9.0, True)]}, 1: {0: [(1.0, 0, 0.0, False)]}}
+    later = Both()  # the contradiction lies two steps away from the start
+    later.observation_space = gym.spaces.Discrete(4)
+    later.initial_state_distrib = np.array([1.0, 0.0, 0.0, 0.0])
+    on = [(1.0, 1, 0.0, False)], [(1.0, 2, 0.0, False)]
+    later.P = {0: {0: on[0]}, 1: {0: on[1]}, 2: {0: [(1.0, 3, 0.0, True)], 1: [(1.0, 3, 0.0, False)]}, 3: {}}
+    with pytest.raises(ValueError, match=r"env: \(s=2, a=1\) enters the terminal state 3"):
+        FiniteMDP.from_env(later)
+    Both.P = {0: {0: [(1.0, 1, 0.0, True), (0.0, 0, 9.0, True), (0.0, 1, 9.0, False)]}, 1: {0: [(1.0, 0, 0.0, False)]}}
     m = FiniteMDP.from_env(Both())  # an outcome of probability 0 ends nothing
     assert m.terminal.tolist() == [False, True] and m.legal[0].tolist() == [True, False]
 

@@ -37,7 +37,9 @@ def run(path):
     """Run one notebook where it lies; seconds that it took."""
     notebook = nbformat.read(path, as_version=4)
     start = time.perf_counter()
-    NotebookClient(notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": path.parent}}).execute()
+    NotebookClient(
+        notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": path.parent}}
+    ).execute()
     seconds = time.perf_counter() - start
     nbformat.write(settle(notebook), path)
     return round(seconds)

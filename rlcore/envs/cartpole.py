@@ -11,7 +11,7 @@ MAX_X, MAX_ANGLE = 2.4, 12 * 2 * np.pi / 360
 
 
 def cartpole_step(x, a):
-    """States (n, 4) one step of 0.02 s after pushing left (0) or right (1); a: (n,). ex-pole
+    """States (n, 4) one step of 0.02 s after pushing left (0) or right (1); a: (n,). ex-pole-episodic
 
     A state is (position, velocity, angle, angular velocity). Constants and Euler steps are those of gymnasium's
     CartPole-v1. Source: Barto, Sutton and Anderson (1983).

@@ -1,8 +1,20 @@
-"""Robots of chapter 1."""
+"""Robots of chapter 1: recycling, pick-and-place, an arm, a can collector, and the pole on its cart."""
 
-from rlcore.mdp import FiniteMDP, check_probability
+import numpy as np
 
-__all__ = ["recycling_robot"]
+from rlcore.mdp import FiniteMDP, check_count, check_gamma, check_probability
+from rlcore.results import Run
+
+__all__ = [
+    "arm_motion",
+    "can_robot",
+    "pick_and_place",
+    "pole_balancing",
+    "pole_continuing",
+    "pole_return",
+    "push_pole",
+    "recycling_robot",
+]
 
 
 def recycling_robot(*, alpha=0.9, beta=0.6, r_search=2.0, r_wait=1.0, r_rescue=-3.0):
@@ -24,3 +36,187 @@ def recycling_robot(*, alpha=0.9, beta=0.6, r_search=2.0, r_wait=1.0, r_rescue=-
     }
     names = dict(state_names=("high", "low"), action_names=("search", "wait", "recharge"))
     return FiniteMDP.from_outcomes(outcomes, start=high, **names)
+
+
+# ---------------------------------------------------------------------- pick and place
+
+
+def pick_and_place(*, jerk=0.0):
+    """An arm over five cells that carries parts from cell 0 to cell 4, for ever. ex-pick-and-place
+
+    State 5 * holding + cell. Slow moves go one cell. Fast moves go two, but with probability jerk only one, with a
+    jerk of reward -1. grip takes a part at cell 0 and puts it down at cell 4 for reward +1; anywhere else it costs -1.
+    """
+    check_probability("jerk", jerk)
+    outcomes = {}
+    for holding in (0, 1):
+        for cell in range(5):
+            s = 5 * holding + cell
+            for a, (steps, sign) in enumerate([(1, -1), (1, 1), (2, -1), (2, 1)]):
+                far = 5 * holding + min(max(cell + sign * steps, 0), 4)
+                near = 5 * holding + min(max(cell + sign, 0), 4)
+                outcomes[s, a] = [(1 - jerk, far, 0.0), (jerk, near, -1.0)] if steps == 2 else [(1.0, near, 0.0)]
+            outcomes[s, 4] = [(1.0, s, -1.0)]
+    outcomes[0, 4] = [(1.0, 5, 0.0)]  # grips
+    outcomes[9, 4] = [(1.0, 4, 1.0)]  # releases
+    states = tuple(f"{cell} {word}" for word in ("empty", "holding") for cell in range(5))
+    actions = ("slow left", "slow right", "fast left", "fast right", "grip")
+    return FiniteMDP.from_outcomes(outcomes, start=0, state_names=states, action_names=actions)
+
+
+def arm_motion(smoothness, *, n_steps=60, dt=0.05, effort=0.001):
+    """Best motion of a one-joint arm from position 0 to 1 under a penalty on changes of its voltage. ex-pick-and-place
+
+    Position x, velocity v, voltage u: x' = x + dt v, v' = v + dt (u - v). The reward of a step is
+    -(x - 1)^2 - effort u^2 - smoothness (u - u_before)^2, x and u as the step finds and chooses them; gamma = 1, and
+    the dynamic program is solved exactly, for rewards are quadratic and the dynamics linear.
+    smoothness: at least 0. Returns position (n_steps + 1,), velocity (n_steps + 1,), voltage (n_steps,),
+    rewards (n_steps,).
+    """
+    n_steps = check_count("n_steps", n_steps)
+    if not smoothness >= 0:
+        raise ValueError(f"smoothness: got {smoothness!r}, must be at least 0")
+    # state z = (x - 1, v, u_before), action w = u - u_before: z' = A z + B w, cost z D z + 2 z C w + R w w
+    A, B = np.array([[1, dt, 0], [0, 1 - dt, dt], [0, 0, 1]]), np.array([0, dt, 1])
+    D, C, R = np.diag([1, 0, effort]), np.array([0, 0, effort]), effort + smoothness
+    P, gains = np.diag([1.0, 0, 0]), []
+    for _ in range(n_steps):  # value -z P z, backwards from the last step
+        gain = (B @ P @ A + C) / (B @ P @ B + R)
+        P = D + A.T @ P @ A - np.outer(A.T @ P @ B + C, gain)
+        gains.append(gain)
+    z, rewards = np.zeros((n_steps + 1, 3)), np.zeros(n_steps)
+    z[0, 0] = -1
+    for t, gain in enumerate(reversed(gains)):
+        w = -gain @ z[t]
+        z[t + 1] = A @ z[t] + B * w
+        rewards[t] = -(z[t, 0] ** 2) - effort * z[t + 1, 2] ** 2 - smoothness * w**2
+    return z[:, 0] + 1, z[:, 1], z[1:, 2], rewards
+
+
+# ---------------------------------------------------------------------- a robot that collects cans
+
+OFFICE = ("R..#c", ".#...", "...#.", "c#..w", "....B")  # robot, can, obstacle, wrong object, bin
+HELD, BINNED = 25, 26
+
+
+def can_robot(*, reward_for="delivery"):
+    """A robot in an office of 5 x 5 cells with two cans, a bin, obstacles and one wrong object. ex-recycling, cl-008
+
+    reward_for: "delivery" gives +1 for a can dropped into the bin; "pick-up" gives +1 for every can picked up, while
+    dropping it on the floor costs nothing. Bumping and picking up the wrong object give -1 in both. The episode ends
+    with both cans in the bin. state_names: (cell of the robot, place of can 1, place of can 2), where a place is a
+    cell, 25 (in the hand) or 26 (in the bin).
+    """
+    if reward_for not in ("delivery", "pick-up"):
+        raise ValueError(f'reward_for: got {reward_for!r}, allowed are "delivery" and "pick-up"')
+    layout = "".join(OFFICE)
+    states = [(layout.index("R"), layout.index("c"), layout.rindex("c"))]
+    index, outcomes = {states[0]: 0}, {}
+    for s, state in enumerate(states):  # grows while it is read: what can be reached from the start
+        if state[1:] == (BINNED, BINNED):
+            continue
+        for a in range(6):
+            state_next, r = _office_step(layout, state, a, reward_for)
+            if state_next not in index:
+                index[state_next] = len(states)
+                states.append(state_next)
+            outcomes[s, a] = [(1.0, index[state_next], r)]
+    actions = ("up", "down", "right", "left", "pick", "drop")
+    return FiniteMDP.from_outcomes(outcomes, n_states=len(states), start=0, state_names=states, action_names=actions)
+
+
+def _office_step(layout, state, a, reward_for):
+    """(next state, reward) of action a: 0..3 move, 4 picks, 5 drops."""
+    robot, *cans = state
+    if a < 4:
+        row, col = robot // 5 + (-1, 1, 0, 0)[a], robot % 5 + (0, 0, 1, -1)[a]
+        if not (0 <= row < 5 and 0 <= col < 5) or layout[5 * row + col] == "#":
+            return state, -1.0
+        return (5 * row + col, *cans), 0.0
+    if a == 4 and layout[robot] == "w":
+        return state, -1.0
+    if a == 4 and HELD not in cans and robot in cans:
+        cans[cans.index(robot)] = HELD
+        return (robot, *cans), float(reward_for == "pick-up")
+    if a == 5 and HELD in cans:
+        in_bin = layout[robot] == "B"
+        cans[cans.index(HELD)] = BINNED if in_bin else robot
+        return (robot, *cans), float(in_bin and reward_for == "delivery")
+    return state, 0.0
+
+
+# ---------------------------------------------------------------------- the pole on its cart
+
+
+def pole_return(fail_step, gamma, *, again=False):
+    """G_0 of pole balancing as a continuing task: reward -1 at the step of a failure, else 0. eq-u-pole-return
+
+    fail_step: K, the first failing step, at least 1; a number or an array. again: whether the pole, put upright, falls
+    again every K steps for ever; then gamma = 1 gives -inf. Source: Sutton and Barto (2018), example 3.4.
+    """
+    K, gamma = np.asarray(fail_step, float), check_gamma(gamma)
+    if not (K >= 1).all():
+        raise ValueError(f"fail_step: got {fail_step!r}, must be at least 1")
+    first = -(gamma ** (K - 1))  # eq-u-pole-return
+    if not again:
+        return first
+    return np.divide(first, 1 - gamma**K, out=np.full_like(first, -np.inf), where=gamma < 1)
+
+
+def pole_balancing(policy, n_episodes, *, max_steps, rng):
+    """Pole balancing as an episodic task: +1 for each step until the pole falls. ex-pole-episodic
+
+    policy: called with the state (x, x_dot, theta, theta_dot) and rng, gives 0 (push left) or 1 (push right).
+    max_steps: an episode that long is cut; its length is max_steps. World: gymnasium's CartPole. Returns a Run.
+    """
+    env, n_episodes = _cart_pole(rng), check_count("n_episodes", n_episodes)
+    returns, lengths = np.zeros(n_episodes), np.zeros(n_episodes, int)
+    for i in range(n_episodes):
+        state, terminated = env.reset()[0], False
+        while not terminated and lengths[i] < max_steps:
+            state, r, terminated, _, _ = env.step(policy(state, rng))
+            returns[i] += r
+            lengths[i] += 1
+    return Run(returns, lengths)
+
+
+def pole_continuing(policy, n_steps, *, rng):
+    """Pole balancing as a continuing task: the n_steps rewards, -1 where the pole falls and is put up again, else 0.
+
+    ex-pole-continuing. policy: as for pole_balancing.
+    """
+    env, rewards = _cart_pole(rng), np.zeros(check_count("n_steps", n_steps))
+    state = env.reset()[0]
+    for t in range(rewards.size):
+        state, _, fell, _, _ = env.step(policy(state, rng))
+        if fell:
+            rewards[t] = -1.0
+            state = env.reset()[0]
+    return rewards
+
+
+def push_pole(pushes, *, state=(0.0, 0.0, 0.04, 0.0), hold=4):
+    """States (T + 1, 4) of the cart-pole under pushes (0 left, 1 right), each held for `hold` steps, up to a failure.
+
+    fig-2. state: (x, x_dot, theta, theta_dot) in metres, radians and seconds. A step lasts 0.02 s.
+    """
+    env = _cart_pole(None)
+    env.reset(seed=0)
+    env.state = np.array(state)
+    states = [env.state]
+    for push in np.repeat(np.asarray(pushes, int), check_count("hold", hold)):
+        _, _, fell, _, _ = env.step(int(push))
+        states.append(np.array(env.state))
+        if fell:
+            break
+    return np.array(states)
+
+
+def _cart_pole(rng):
+    """gymnasium's CartPole without its wrappers, seeded from rng."""
+    import gymnasium
+
+    env = gymnasium.make("CartPole-v1").unwrapped
+    if rng is not None:
+        env.reset(seed=int(rng.integers(2**31)))
+    return env

@@ -6,7 +6,16 @@ import numpy as np
 
 from rlcore.mdp import FiniteMDP, as_floats, check_count, check_rng
 
-__all__ = ["branching_mdp", "jumping_walk", "random_mdp", "random_walk", "short_corridor", "two_state_mdp", "zero_loop"]
+__all__ = [
+    "branching_mdp",
+    "jumping_walk",
+    "myopic",
+    "random_mdp",
+    "random_walk",
+    "short_corridor",
+    "two_state_mdp",
+    "zero_loop",
+]
 
 
 def random_walk(n, *, rewards=None, start=None):
@@ -61,6 +70,16 @@ def zero_loop(*, reward=1.0):
     return FiniteMDP.from_outcomes(
         {(0, 0): [(1.0, 0, 0.0)], (0, 1): [(1.0, 1, reward)]}, action_names=("stay", "leave")
     )
+
+
+def myopic():
+    """A choice at the start: now, for +1 and the end, or later, for rewards 0, 0, 0, +10 and the end. ex-myopic, cl-005
+
+    States 0 (start), 1, 2, 3 (the waiting, with one action) and 4 (the end). Best is later where 10 gamma^3 > 1.
+    """
+    outcomes = {(0, 0): [(1.0, 4, 1.0)], (0, 1): [(1.0, 1, 0.0)], (1, 1): [(1.0, 2, 0.0)], (2, 1): [(1.0, 3, 0.0)]}
+    outcomes[3, 1] = [(1.0, 4, 10.0)]
+    return FiniteMDP.from_outcomes(outcomes, start=0, action_names=("now", "later"))
 
 
 def jumping_walk(n=1000, reach=100):

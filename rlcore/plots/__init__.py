@@ -36,7 +36,7 @@ __all__ = [
     "text_colour",
     "use_style",
 ]
-_CHAPTERS = sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name.startswith("ch"))
+_CHAPTERS = sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name.startswith(("ch", "front")))
 
 
 def __getattr__(name):

@@ -73,7 +73,7 @@ def use_style():
 
 
 class Figure(mpl.figure.Figure):
-    """A figure that a notebook shows once, be it the last value of a cell, displayed, or left to the end of the cell."""
+    """A figure that a notebook shows once: as a cell's last value, displayed, or left to the end of the cell."""
 
     def _ipython_display_(self):
         plt.close(self)  # else the inline backend shows it again at the end of the cell
@@ -127,8 +127,8 @@ def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None,
     ax.spines[:].set_visible(False)
     ax.grid(False)
     ax.set(xticks=[], yticks=[])
-    for (i, j), value in np.ndenumerate(values):
-        if value is np.ma.masked or (labels is None and fmt is None):
+    for (i, j), value in np.ma.ndenumerate(values):  # passes over what is masked
+        if labels is None and fmt is None:
             continue
         text = fmt.format(value) if labels is None else str(labels[i][j])
         colour = text_colour(image.cmap(image.norm(value)))

@@ -22,5 +22,12 @@ def check_alt(app, doctree):
                     logger.warning("an image has no alt text: %s", tag[:80], location=raw)
 
 
+def mend_roles(app, pagename, templatename, context, doctree):
+    """Take back a role that browsers have given up, and the list that is none without it (the references)."""
+    if "body" in context:
+        context["body"] = context["body"].replace(' role="doc-biblioentry"', "").replace('<div role="list"', "<div")
+
+
 def setup(app):
     app.connect("doctree-read", check_alt)
+    app.connect("html-page-context", mend_roles)

@@ -10,7 +10,25 @@ from sphinx.util.docutils import SphinxDirective
 
 from companion import ledger, repository
 
-ORDER = "results mdp bellman dp planning td traces nn policies reinforce ppo trpo losses envs sweep explore plots".split()
+ORDER = [
+    "results",
+    "mdp",
+    "bellman",
+    "dp",
+    "planning",
+    "td",
+    "traces",
+    "nn",
+    "policies",
+    "reinforce",
+    "ppo",
+    "trpo",
+    "losses",
+    "envs",
+    "sweep",
+    "explore",
+    "plots",
+]
 MENTION = re.compile(r"\b(?:eq|fig|tab|alg|ex|cl|om)-[a-z0-9-]*[a-z0-9]\b")
 
 
@@ -19,6 +37,8 @@ def modules():
     package = importlib.import_module("rlcore")
     names = [m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_")]
     names.sort(key=lambda n: (ORDER.index(n) if n in ORDER else len(ORDER), n))
+    figures = (m.name for m in pkgutil.iter_modules(importlib.import_module("rlcore.plots").__path__))
+    names += [f"plots.{name}" for name in figures if name != "style"]
     return [importlib.import_module(f"rlcore.{n}") for n in names]
 
 
@@ -34,7 +54,9 @@ def public(module):
 def members(cls):
     """Public methods and properties that a class defines itself and documents."""
     for name, thing in vars(cls).items():
-        inner = getattr(thing, "__func__", None) or getattr(thing, "fget", None) or getattr(thing, "func", None) or thing
+        inner = (
+            getattr(thing, "__func__", None) or getattr(thing, "fget", None) or getattr(thing, "func", None) or thing
+        )
         if not name.startswith("_") and inspect.isfunction(inner) and inspect.getdoc(inner):
             yield name, inner
 

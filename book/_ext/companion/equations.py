@@ -1,4 +1,4 @@
-"""Equations carry their document numbers: a block labelled eq-7 shows (7), has the HTML id eq-7, and is referred to as (7).
+"""Equations carry the document's numbers: a block labelled eq-7 shows (7) and has the HTML id eq-7.
 
 The number is the ledger's where the ledger has one, else the digits of a label such as eq-7. Any other label keeps
 Sphinx's own number.

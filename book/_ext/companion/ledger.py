@@ -160,7 +160,9 @@ class Claims(SphinxDirective):
             done = [row for row in mine if is_done(row)]
             section = nodes.section("", nodes.title("", f"Chapter {chapter}: {title}"), ids=[f"claims-{chapter}"])
             if done:
-                section += table(["Claim", "Verdict", "What the page says"], [self.line(row) for row in done], ["claims"])
+                section += table(
+                    ["Claim", "Verdict", "What the page says"], [self.line(row) for row in done], ["claims"]
+                )
             if len(done) < len(mine):
                 section += nodes.paragraph("", f"{len(mine) - len(done)} claims are not looked at yet.")
             out.append(section)
@@ -180,26 +182,47 @@ class Claims(SphinxDirective):
         ]
 
 
+ERRATUM = re.compile(r"^:::\{admonition\} (Errat(?:um|a) [\d, and]+)\n(?::[^\n]*\n)*(.*?)^:::", re.M | re.S)
+
+
+def errata(path):
+    """(numbers, text) of every erratum box in a notebook, in order."""
+    for cell in _cells(str(path), path.stat().st_mtime_ns):
+        if cell["cell_type"] == "markdown":
+            for title, text in ERRATUM.findall("".join(cell["source"])):
+                yield [int(number) for number in re.findall(r"\d+", title)], text.strip()
+
+
+def add_errata_ids(app, doctree):
+    """Give the box of erratum 43 the id err-43."""
+    for box in doctree.findall(nodes.admonition):
+        title = box.children[0].astext()
+        if title.startswith("Errat"):
+            box["ids"] += [f"err-{number}" for number in re.findall(r"\d+", title)]
+
+
 class Errata(SphinxDirective):
-    """What is wrong in the document, by number, and where the book has it right. Rows of book/errata.yml."""
+    """What is wrong in the document, gathered from the boxes of the chapters, each with a link to its place."""
 
     def run(self):
         out = []
-        items = load(self.env.srcdir, "errata.yml")
-        for part in dict.fromkeys(item["part"] for item in items):
-            mine = [item for item in items if item["part"] == part]
-            ids = [nodes.make_id(f"errata-{part}")]
-            section = nodes.section("", nodes.title("", part), ids=ids)
-            body = []
-            for item in mine:
-                number = nodes.inline("", str(item["n"]), ids=[f"err-{item['n']}"])
-                text = nodes.container()
-                self.state.nested_parse(StringList(item["right"].splitlines(), "errata"), 0, text)
-                place = [page_link("here", item["page"])] if item.get("page") else [nodes.Text("-")]
-                body.append([[number], [c.deepcopy() for c in text.children[0].children], place])
-            section += table(["No.", "What is right", "In the book"], body, ["errata"])
+        for path in sorted(Path(self.env.srcdir, "book").glob("0*.ipynb")):
+            chapter = int(path.stem[:2])
+            section = nodes.section("", nodes.title("", f"Chapter {chapter}: {CHAPTERS[chapter]}"))
+            section["ids"] = [f"errata-{chapter}"]
+            body = [self.line(path.stem, numbers, text) for numbers, text in errata(path)]
+            section += table(["No.", "What is right"], body, ["errata"])
             out.append(section)
         return out
+
+    def line(self, page, numbers, text):
+        box = nodes.container()
+        self.state.nested_parse(StringList(text.splitlines(), "errata"), 0, box)
+        places = [page_link(str(number), f"{page}#err-{number}") for number in numbers]
+        return [
+            commas(places),
+            [child.deepcopy() for part in box.children for child in [*part.children, nodes.Text(" ")]],
+        ]
 
 
 class Status(SphinxDirective):
@@ -229,6 +252,7 @@ def setup(app):
     for name, directive in {"ledger": Ledger, "claims": Claims, "errata": Errata, "status": Status}.items():
         app.add_directive(name, directive)
     app.connect("env-before-read-docs", reread)
+    app.connect("doctree-read", add_errata_ids)
 
 
 def reread(app, env, docnames):

@@ -1,4 +1,4 @@
-"""Pages ask nothing of any other site: MathJax is copied from the package that carries it, thebe's scripts are dropped."""
+"""Pages ask nothing of any other site: MathJax comes from a package, thebe's scripts are dropped."""
 
 import importlib.util
 import shutil

@@ -1,4 +1,4 @@
-"""Launch and source buttons, where the repository is known: BOOK_REPOSITORY=https://github.com/owner/name at build time."""
+"""Launch and source buttons, where BOOK_REPOSITORY=https://github.com/owner/name is set."""
 
 import os
 

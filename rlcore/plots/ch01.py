@@ -1,0 +1,269 @@
+"""Figures of chapter 1: the loop, the robots, the pole, discounting, Monte Carlo errors."""
+
+import numpy as np
+
+from rlcore.envs.robots import BINNED, HELD, OFFICE, arm_motion, pole_return, push_pole
+from rlcore.plots.style import PALETTE, arrow, band, box, circle, new_diagram, new_figure
+
+SYMBOLS = {"slow left": "←", "slow right": "→", "fast left": "⇇", "fast right": "⇉", "grip": "grip"}
+
+
+def agent_environment_diagram(mdp=None, trajectory=None, t=None):
+    """The loop of figure 1; with a trajectory, step t of it is written on the arrows. fig-1
+
+    mdp: gives the names of states and actions. t: 0..T - 1.
+    """
+    action, reward, state, now = "$A_t$", "$R_{t+1}$", "$S_{t+1}$", "$S_t$"
+    if trajectory is not None:
+        s, a = [mdp.state_names[i] for i in trajectory.states], mdp.action_names[trajectory.actions[t]]
+        now, action = f"$S_{t}$ = {s[t]}", f"$A_{t}$ = {a}"
+        reward, state = f"$R_{t + 1}$ = {trajectory.rewards[t]:+g}", f"$S_{t + 1}$ = {s[t + 1]}"
+    fig, ax = new_diagram((0, 10), (0, 5.6))
+    box(ax, (5, 4.6), f"agent, in {now}", width=5, height=1.1, fontsize=15)
+    box(ax, (5, 1.0), "environment", width=5, height=1.1, fontsize=15)
+    out, back, inner = PALETTE["blue"], PALETTE["vermillion"], PALETTE["green"]
+    ax.plot([7.5, 8.9, 8.9], [4.6, 4.6, 1.0], color=out, ls="-", lw=1.8)
+    arrow(ax, (8.9, 1.0), (7.5, 1.0), colour=out)
+    ax.text(8.8, 2.8, action, color=out, ha="right", va="center", fontsize=15)
+    for x, y, y_in, colour in ((0.7, 4.9, 0.7, inner), (1.6, 4.35, 1.3, back)):
+        ax.plot([2.5, x, x], [y_in, y_in, y], color=colour, ls="-", lw=1.8)
+        arrow(ax, (x, y), (2.5, y), colour=colour)
+    ax.text(1.75, 2.45, reward, color=back, ha="left", va="center", fontsize=15)
+    ax.text(0.85, 3.3, state, color=inner, ha="left", va="center", fontsize=15, bbox={"fc": "white", "ec": "none"})
+    ax.plot([2.1, 2.1], [0.2, 1.7], color=PALETTE["grey"], ls="--", lw=1.4)
+    return fig
+
+
+def recycling_graph(mdp):
+    """The recycling robot as a graph: states are open circles, actions filled dots. ex-recycling"""
+    fig, ax = new_diagram((0, 10), (0, 5.4))
+    places = {0: (2.2, 2.7), 1: (7.8, 2.7)}
+    dots = {(0, 0): (5.0, 4.4), (0, 1): (0.8, 4.6), (1, 0): (5.0, 1.0), (1, 1): (9.2, 0.8), (1, 2): (5.0, 2.7)}
+    curves = {(0, 0, 0): 0.35, (1, 0, 1): 0.35, (0, 1, 0): 0.5, (1, 1, 1): 0.5}
+    edges = []
+    for (s, a), dot in dots.items():
+        ax.plot(*zip(places[s], dot), color=PALETTE["grey"], ls="-", lw=1.4, zorder=0)
+        for k in np.flatnonzero(mdp.prob[s, a]):
+            s_next = int(mdp.next_state[s, a, k])
+            edges.append((s, a, s_next, f"{mdp.prob[s, a, k]:g}, {mdp.reward[s, a, k]:+g}"))
+    for s, a, s_next, text in edges:
+        start, end = np.array(dots[s, a]), np.array(places[s_next])
+        end = end - 0.75 * (end - start) / np.hypot(*(end - start))
+        arrow(ax, start, end, text, curve=curves.get((s, a, s_next), 0.0), fontsize=11)
+    for (_, a), dot in dots.items():
+        circle(ax, dot, radius=0.16, face=PALETTE["black"])
+        ax.text(dot[0], dot[1] + (0.42 if dot[1] > 3 else -0.42), mdp.action_names[a], ha="center", va="center")
+    for s, place in places.items():
+        circle(ax, place, mdp.state_names[s], radius=0.7, fontsize=14)
+    return fig
+
+
+def pick_and_place_policy(mdp, solution, actions):
+    """Values (shade) and best actions of the pick-and-place arm, empty above and holding below. ex-pick-and-place
+
+    actions: (S, A) bool, the best actions of each state.
+    """
+    from rlcore.plots.style import heatmap
+
+    fig, ax = new_figure(height=2.9)
+    words = []
+    for s in range(mdp.n_states):
+        names = [SYMBOLS[mdp.action_names[a]] for a in np.flatnonzero(actions[s])]
+        words.append(f"{' or '.join(names)}\n{solution.V[s]:.2f}")
+    heatmap(ax, solution.V.reshape(2, 5), labels=np.reshape(words, (2, 5)), vmin=1.2, vmax=4.0, fontsize=14)
+    ax.set(xticks=range(5), yticks=[0, 1], yticklabels=["empty", "holding"], xlabel="cell (grips at 0, releases at 4)")
+    ax.tick_params(length=0)
+    return fig
+
+
+def arm(smoothness):
+    """Position and voltage of the continuous arm for one weight of the smoothness penalty. ex-pick-and-place"""
+    position, _, voltage, _ = arm_motion(smoothness)
+    seconds = 0.05 * np.arange(position.size)
+    fig, axes = new_figure(2, 1, height=4.2, sharex=True)
+    axes[0].axhline(1, color=PALETTE["grey"], ls="--", lw=1.2)
+    axes[0].plot(seconds, position, color=PALETTE["blue"])
+    axes[0].set(ylabel="position", ylim=(-0.05, 1.25))
+    axes[1].step(seconds[:-1], voltage, where="post", color=PALETTE["vermillion"], ls="-")
+    axes[1].set(ylabel="voltage", xlabel="time (s)", ylim=(-22, 29))
+    return fig
+
+
+def can_office(mdp, trajectory, t):
+    """The office of the can-collecting robot after t steps, with the rewards collected so far. ex-recycling, cl-008"""
+    robot, *cans = mdp.state_names[trajectory.states[t]]
+    fig, ax = new_diagram((-0.1, 8.6), (-0.1, 5.1), width=6)
+    for cell, kind in enumerate("".join(OFFICE)):
+        x, y = cell % 5, 4 - cell // 5
+        colour = PALETTE["grey"] if kind == "#" else "white"
+        ax.add_patch(_square(x, y, colour))
+        if kind in "Bw":
+            ax.text(x + 0.5, y + 0.5, {"B": "bin", "w": "glass"}[kind], ha="center", va="center", fontsize=12)
+        if cell in cans:
+            ax.text(x + 0.27, y + 0.25, "can", ha="center", va="center", fontsize=11, color=PALETTE["blue"])
+    x, y = robot % 5 + 0.6, 4 - robot // 5 + 0.62
+    circle(ax, (x, y), "R", radius=0.3, face=PALETTE["vermillion"], fontsize=13)
+    did = mdp.action_names[trajectory.actions[t - 1]] if t else "-"
+    lines = [
+        f"step {t}: {did}",
+        f"reward so far {trajectory.rewards[:t].sum():+g}",
+        "a can in its hand" if HELD in cans else "hand empty",
+        f"cans in the bin: {cans.count(BINNED)}",
+    ]
+    ax.text(5.25, 4.6, "\n".join(lines), va="top", linespacing=1.7, fontsize=12)
+    return fig
+
+
+def _square(x, y, colour):
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((x, y), 1, 1, fc=colour, ec=PALETTE["grey"], lw=1.2)
+
+
+def cart_pole(states):
+    """A cart with its pole at the last of the states (T, 4), earlier ones pale, and the limits of failure. fig-2"""
+    fig, ax = new_diagram((-2.9, 2.9), (-0.5, 2.0))
+    ax.plot([-2.4, 2.4], [0, 0], color=PALETTE["black"], ls="-", lw=1.5)
+    for x in (-2.4, 2.4):
+        ax.plot([x, x], [-0.12, 0.3], color=PALETTE["vermillion"], ls="-", lw=3)
+        ax.text(x, -0.34, f"x = {x:+g}", ha="center", fontsize=12)
+    for state in states[:-1:4]:
+        _draw_cart(ax, state, alpha=0.18)
+    x = states[-1][0]
+    for side in (-1, 1):
+        tip = np.array([np.sin(np.radians(12)), np.cos(np.radians(12))]) * 1.35
+        ax.plot([x, x + side * tip[0]], [0.4, 0.4 + tip[1]], color=PALETTE["grey"], ls=":", lw=1.4)
+    _draw_cart(ax, states[-1])
+    ax.text(x + 0.42, 1.72, "12°", fontsize=12, color=PALETTE["grey"])
+    return fig
+
+
+def _draw_cart(ax, state, alpha=1.0):
+    x, _, theta, _ = state
+    pole = np.array([[x, 0.4], [x + 1.2 * np.sin(theta), 0.4 + 1.2 * np.cos(theta)]])
+    ax.add_patch(_cart(x, alpha))
+    ax.plot(*pole.T, color=PALETTE["ochre"], ls="-", lw=6, solid_capstyle="round", alpha=alpha)
+
+
+def _cart(x, alpha):
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((x - 0.35, 0.1), 0.7, 0.3, fc=PALETTE["blue"], ec="none", alpha=alpha)
+
+
+def push_game(*pushes):
+    """The cart-pole after pushes ("left" or "right", 4 steps of 0.02 s each), with what has become of it. fig-2"""
+    states = push_pole([int(push == "right") for push in pushes])
+    fig = cart_pole(states)
+    T, degrees = len(states) - 1, np.degrees(states[-1][2])
+    fell = abs(degrees) > 12 or abs(states[-1][0]) > 2.4
+    verdict = f"fell at step {T}" if fell else f"up after {T} steps"
+    fig.axes[0].text(-2.85, 1.72, f"{verdict}\nangle {degrees:+.0f}°", fontsize=14, va="center")
+    return fig
+
+
+def pole_returns(gamma):
+    """The two returns of pole balancing against the failing step K. fig-2, ex-pole-continuing"""
+    K = np.arange(1, 101)
+    fig, (left, right) = new_figure(1, 2, height=3.2)
+    left.plot(K, K, color=PALETTE["blue"])
+    left.set(title="episodic: +1 a step", xlabel="failing step K", ylabel="return $G_0$", ylim=(0, 105))
+    right.plot(K, pole_return(K, gamma), color=PALETTE["vermillion"], ls="-", label="one failure")
+    again = pole_return(K, gamma, again=True)
+    right.plot(K, again, color=PALETTE["purple"], ls="--", label="every K steps")
+    right.set(title="continuing: -1 a failure", xlabel="failing step K", ylim=(-2.05, 0.1))
+    right.legend(loc="lower right")
+    return fig
+
+
+def discount_weights(gamma):
+    """How much a reward k + 1 steps ahead counts: gamma^k, and the horizon 1 / (1 - gamma). cl-002, cl-006"""
+    fig, ax = new_figure(height=3.2)
+    k, horizon = np.arange(61), 1 / (1 - gamma)
+    ax.vlines(k, 0, gamma**k, color=PALETTE["blue"], lw=3)
+    ax.axvline(horizon, color=PALETTE["vermillion"], ls="--")
+    ax.text(min(horizon, 58) + 0.8, 0.93, f"horizon 1/(1-γ) = {horizon:g}", color=PALETTE["vermillion"])
+    ax.set(xlabel="k", ylabel="weight $γ^k$ of $R_{t+1+k}$", ylim=(0, 1.05), xlim=(-1, 61))
+    return fig
+
+
+def partial_sums(gamma, n=120):
+    """Sums of the first n discounted rewards for rewards 1, k and 1.2^k. cl-003, cl-004, ex-constant-reward"""
+    fig, ax = new_figure(height=3.4)
+    k = np.arange(1, n + 1)
+    for label, rewards in (("$R_k = 1$", np.ones(n)), ("$R_k = k$", k), ("$R_k = 1.2^k$", 1.2**k)):
+        ax.plot(k, np.cumsum(gamma ** (k - 1) * rewards), label=label)
+    ax.set(yscale="log", ylim=(0.8, 1e6), xlim=(1, n), xlabel="number of rewards summed", ylabel="partial sum")
+    ax.legend(loc="upper left", ncols=3)
+    return fig
+
+
+def myopic_values(gamma, switch):
+    """What the two choices are worth against gamma, with the point of the switch and one gamma marked. ex-myopic"""
+    fig, ax = new_figure(height=3.2)
+    x = np.linspace(0, 1, 101)
+    ax.plot(x, np.ones_like(x), label="+1 now")
+    ax.plot(x, 10 * x**3, label="0, 0, 0, +10")
+    ax.axvline(switch, color=PALETTE["grey"], ls=":")
+    ax.plot([gamma, gamma], [1, 10 * gamma**3], "o", color=PALETTE["black"])
+    best = "later" if 10 * gamma**3 > 1 else "now"
+    ax.set(xlabel="γ", ylabel="return of the choice", title=f"γ = {gamma:g}: take it {best}", ylim=(-0.4, 10.5))
+    ax.legend(loc="upper left")
+    return fig
+
+
+def absorbing_chain(rewards=(1, 1, 1)):
+    """An episode that ends in an absorbing state, drawn as a square. ex-absorbing"""
+    n = len(rewards)
+    fig, ax = new_diagram((-0.6, 2.2 * n + 3.2), (-0.8, 0.9))
+    for i, r in enumerate(rewards):
+        circle(ax, (2.2 * i, 0), f"$S_{i}$", radius=0.45)
+        arrow(ax, (2.2 * i + 0.45, 0), (2.2 * i + 1.75, 0), f"{r:+g}", offset=(0, 0.32))
+    box(ax, (2.2 * n, 0), "end", width=0.9, height=0.9, face=PALETTE["grey"])
+    loop = np.linspace(0.75 * np.pi, -0.55 * np.pi, 40)
+    x, y = 2.2 * n + 0.55 + 0.45 * np.cos(loop), 0.55 + 0.45 * np.sin(loop)
+    ax.plot(x, y, color=PALETTE["black"], ls="-", lw=1.8, zorder=0)
+    arrow(ax, (x[-2], y[-2]), (2.2 * n + 0.45, 0.1))
+    ax.text(2.2 * n + 1.15, 0.75, "0", va="center")
+    return fig
+
+
+def monte_carlo_error(n_episodes, errors, slopes):
+    """Root-mean-square errors (runs, n) of Monte Carlo averages on log-log axes, with the slope -1/2. cl-011
+
+    errors, slopes: {"first visit": (runs, n)}, {"first visit": number}.
+    """
+    fig, ax = new_figure(height=3.6)
+    for label, runs in errors.items():
+        spread = np.percentile(runs, [10, 90], axis=0)
+        band(ax, n_episodes, np.median(runs, axis=0), spread, f"{label}: slope {slopes[label]:.1f}")
+    ax.plot(n_episodes, 0.5 / np.sqrt(n_episodes), color=PALETTE["grey"], ls=":", label="slope -1/2")
+    ax.set(xscale="log", yscale="log", xlabel="episodes", ylabel="error of V (rms)")
+    ax.legend()
+    return fig
+
+
+def averages(n, runs, truth):
+    """Running averages (runs, n) of sampled returns, with the exact value. eq-10, eq-11"""
+    fig, ax = new_figure(height=3.2)
+    for run in runs:
+        ax.plot(n, run, color=PALETTE["blue"], ls="-", lw=1.2, alpha=0.7)
+    ax.axhline(truth, color=PALETTE["vermillion"], ls="--", label=f"exact value {truth:.4f}")
+    ax.set(xscale="log", xlabel="returns averaged", ylabel="average")
+    ax.legend()
+    return fig
+
+
+def return_ranking(episodic, continuing, labels):
+    """Ranks of policies under the episodic return against their ranks under the continuing ones. cl-007
+
+    episodic: (n,). continuing: {gamma: (n,)}.
+    """
+    fig, ax = new_figure(height=3.4)
+    rank = np.argsort(np.argsort(episodic)) + 1
+    for (gamma, values), mark in zip(continuing.items(), "os"):
+        ax.plot(rank, np.argsort(np.argsort(values)) + 1, mark, label=labels[gamma])
+    ax.plot([1, rank.size], [1, rank.size], color=PALETTE["grey"], ls=":")
+    ax.set(xlabel="rank by steps until failure", ylabel="rank by discounted failures")
+    ax.legend()
+    return fig

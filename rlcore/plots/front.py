@@ -1,0 +1,25 @@
+"""The figure of the front page."""
+
+import numpy as np
+
+from rlcore.bellman import greedy_actions, q_from_v
+from rlcore.plots.style import PALETTE, heatmap, new_figure, text_colour
+
+ARROWS = {"up": (0, -1), "down": (0, 1), "right": (1, 0), "left": (-1, 0)}
+
+
+def front_page(mdp, solution, sweep, shape):
+    """Values of a grid after some sweeps, as numbers and colours, with an arrow for each best move of a lookahead."""
+    V = solution.history[sweep]
+    fig, ax = new_figure(width=5.0, height=5.0)
+    image = heatmap(ax, V.reshape(shape), fmt=None, vmin=solution.V.min(), vmax=0)
+    best = greedy_actions(q_from_v(mdp, V, 1.0), tol=1e-6)
+    for s, (row, col) in enumerate(np.ndindex(*shape)):
+        colour = text_colour(image.cmap(image.norm(V[s])))
+        ax.text(col, row - 0.22, "goal" if mdp.terminal[s] else f"{V[s]:.1f}", ha="center", color=colour, fontsize=12)
+        for a in np.flatnonzero(best[s] & (not mdp.terminal[s]) & ~best[s].all()):
+            dx, dy = ARROWS[mdp.action_names[a]]
+            tip = {"arrowstyle": "-|>", "color": colour, "lw": 1.4}
+            ax.annotate("", (col + 0.3 * dx, row + 0.2 + 0.17 * dy), (col, row + 0.2), arrowprops=tip)
+    ax.set_title(f"sweep {sweep}", color=PALETTE["black"])
+    return fig

@@ -1,0 +1,219 @@
+"""The moving figure: every combination has its picture, its rule and its words; the same call gives the same bytes."""
+
+import base64
+import hashlib
+import itertools
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from urllib.parse import unquote
+from xml.dom import minidom
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from rlcore.explore import MAX_FRAMES, explore
+
+GAMMAS, SHAPES = [0.5, 0.9, 0.99], ["step", "slope"]
+
+
+def draw(gamma, shape="step", words=""):
+    fig = Figure(figsize=(2, 1))
+    ax = fig.subplots()
+    ax.plot([0, 1, 2], [1, gamma, gamma**2], drawstyle="steps-post" if shape == "step" else "default")
+    ax.set_title(f"{gamma} {shape} {words}")
+    return fig
+
+
+def panel(title="Weights", **more):
+    return explore(draw, title=title, **({"gamma": GAMMAS, "shape": SHAPES} | more))
+
+
+class Page(HTMLParser):
+    """The tags of a panel, as (name, attributes), and the text in each."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.texts = [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_data(self, data):
+        if data.strip():
+            self.texts.append((self.tags[-1][0], data.strip()))
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def shown(page, chosen):
+    """What the panel's own CSS shows when these radio buttons are checked: the classes of the visible frames."""
+    rules = re.findall(r"((?::has\(#[\w-]+:checked\))+) \.(f[\d-]+) \{display:block!important\}", page)
+    visible = [frame for has, frame in rules if set(re.findall(r"#([\w-]+):checked", has)) <= set(chosen)]
+    radios = [tag for tag in Page(page).all("input") if tag["id"] in chosen]
+    other = any(tag.get("class") == "other" for tag in radios)  # then the first frame is hidden
+    assert re.search(r":has\(\.other:checked\) \.first \{display:none\}", page)
+    return visible if other else [*visible, "f" + "-".join("0" * len(chosen))]
+
+
+def test_every_combination_shows_exactly_its_own_frame():
+    page = panel().to_html()
+    (names,) = {tuple(sorted({tag["name"] for tag in Page(page).all("input")}))}
+    frames = [tag["class"].split()[1] for tag in Page(page).all("div") if tag.get("class", "").startswith("frame")]
+    assert len(frames) == len(set(frames)) == 6
+    for i, j in itertools.product(range(3), range(2)):
+        assert shown(page, [f"{names[0]}-{i}", f"{names[1]}-{j}"]) == [f"f{i}-{j}"]
+        assert f"f{i}-{j}" in frames
+
+
+def test_each_frame_holds_the_picture_and_the_alt_text_of_its_values():
+    images = Page(panel(alt=lambda gamma, shape: f"{gamma} by {shape}").to_html()).all("img")
+    for image, (gamma, shape) in zip(images, itertools.product(GAMMAS, SHAPES), strict=True):
+        kind, data = image["src"].split(",", 1)
+        svg = unquote(data)
+        assert kind == "data:image/svg+xml" and minidom.parseString(svg)
+        assert f">{gamma} {shape} <" in svg or f">{gamma} {shape}<" in svg
+        assert image["alt"] == f"{gamma} by {shape}"
+
+
+def test_only_the_first_frame_is_visible_without_css_or_script():
+    page = panel().to_html()
+    frames = [tag for tag in Page(page).all("div") if tag.get("class", "").startswith("frame")]
+    assert frames[0]["class"].split() == ["frame", "f0-0", "first"] and "style" not in frames[0]
+    assert all(tag["style"] == "display:none" for tag in frames[1:])
+    assert "<script" not in page and "http" not in re.sub(r'src="[^"]*"', "", page)
+
+
+def test_controls_are_grouped_named_and_start_at_the_first_value():
+    page = Page(panel(labels={"shape": "form"}).to_html())
+    assert [text for tag, text in page.texts if tag == "legend"] == ["γ", "form"]
+    assert [text for tag, text in page.texts if tag == "label"] == ["0.5", "0.9", "0.99", "step", "slope"]
+    radios = page.all("input")
+    assert all(tag["type"] == "radio" for tag in radios)
+    assert [tag["for"] for tag in page.all("label")] == [tag["id"] for tag in radios]
+    assert [i for i, tag in enumerate(radios) if "checked" in tag] == [0, 3]
+    assert [i for i, tag in enumerate(radios) if "class" not in tag] == [0, 3]
+    (group,) = (tag for tag in page.all("div") if tag.get("role") == "group")
+    assert group["aria-labelledby"] in [tag.get("id") for tag in page.all("div")]
+
+
+@pytest.mark.parametrize("other", [{"title": "Others"}, {"gamma": [0.1, 0.2]}, {"alt": lambda **v: f"another {v}"}])
+def test_ids_are_unique_on_a_page_with_two_panels(other):
+    tags = Page(panel().to_html() + panel(**other).to_html()).tags
+    ids = [attributes["id"] for _, attributes in tags if "id" in attributes]
+    assert len(ids) == len(set(ids)) >= 12
+    assert len({attributes["name"] for tag, attributes in tags if tag == "input"}) == 4
+
+
+@pytest.mark.parametrize("fmt", ["svg", "png"])
+def test_same_call_same_bytes(fmt):
+    assert panel(fmt=fmt).to_html() == panel(fmt=fmt).to_html()
+    assert panel(fmt=fmt).fallback == panel(fmt=fmt).fallback
+
+
+def test_same_bytes_in_another_process():
+    code = "import hashlib, test_explore as t; print(hashlib.sha256(t.panel().to_html().encode()).hexdigest())"
+    here = os.path.dirname(__file__)
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([here, os.path.dirname(here)]), "PYTHONHASHSEED": "77"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout.strip() == hashlib.sha256(panel().to_html().encode()).hexdigest()
+
+
+def test_awkward_texts_arrive_whole():
+    words = 'a < b & "c" isn\'t #1, 50%'
+    made = explore(
+        lambda gamma: draw(gamma, words=words), title=words, alt=lambda gamma: f"{words} <i>", gamma=[0.5, 0.9]
+    )
+    html = made.to_html()
+    page = Page(html)
+    assert [image["alt"] for image in page.all("img")] == [f"{words} <i>"] * 2
+    assert "<i>" not in html and ("div", words) in page.texts
+    for image in page.all("img"):
+        svg = minidom.parseString(unquote(image["src"].split(",", 1)[1]))
+        drawn = [node.firstChild.data for node in svg.getElementsByTagName("text") if node.firstChild]
+        assert any(text.endswith(words) for text in drawn)
+
+
+def test_default_alt_text_says_title_and_values():
+    images = Page(explore(draw, title="Weights", gamma=[0.1 + 0.2, 1]).to_html()).all("img")
+    assert [image["alt"] for image in images] == ["Weights: γ = 0.3", "Weights: γ = 1"]
+
+
+def test_numpy_values_are_choices_like_any_other():
+    assert explore(draw, title="T", gamma=np.array([0.5, 0.9])).to_html() == (
+        explore(draw, title="T", gamma=[0.5, 0.9]).to_html()
+    )
+
+
+def test_png_frames_are_small_and_readable():
+    images = Page(panel(fmt="png").to_html()).all("img")
+    assert len(images) == 6
+    for image in images:
+        kind, data = image["src"].split(",", 1)
+        assert kind == "data:image/png;base64" and base64.b64decode(data).startswith(b"\x89PNG")
+
+
+def test_live_panel_changes_its_picture_with_every_control():
+    made = panel()
+    _, gamma, shape, view = made.widget().children
+    assert [gamma.description, shape.description] == ["γ", "shape"]
+    assert view.value == made.frames[0, 0]
+    for i, j in [(2, 0), (2, 1), (0, 1), (1, 0)]:
+        gamma.value, shape.value = i, j
+        assert view.value == made.frames[i, j]
+        assert f'alt="Weights: γ = {GAMMAS[i]}, shape = {SHAPES[j]}"' in view.value
+
+
+def test_bundle_serves_notebook_page_and_print():
+    made = panel()
+    bundle = made._repr_mimebundle_()
+    assert bundle["text/plain"] == "<explore: Weights>" and bundle["text/html"] == made.to_html()
+    assert "application/vnd.jupyter.widget-view+json" in bundle
+    assert base64.b64decode(bundle["image/png"]) == made.fallback and made.fallback.startswith(b"\x89PNG")
+
+
+def test_frames_of_pyplot_are_closed():
+    before = plt.get_fignums()
+    explore(lambda gamma: plt.figure(figsize=(1, 1)), title="T", gamma=[1, 2, 3])
+    assert plt.get_fignums() == before
+
+
+BAD = {
+    "no choices": ({}, "no choices"),
+    "an empty choice": ({"gamma": []}, r"gamma=\[\]"),
+    "a value twice": ({"gamma": [0.5, 0.5]}, r"gamma=\[0.5, 0.5\]"),
+    "too many frames": ({"gamma": range(6), "shape": list("abcdefg")}, r"42 frames \(6 gamma x 7 shape\).* 40"),
+    "an empty title": ({"title": " ", "gamma": [1]}, "title=' '"),
+    "alt not a function": ({"alt": "text", "gamma": [1]}, "alt='text'"),
+    "alt without a text": ({"alt": lambda gamma: "", "gamma": [1]}, "alt returned ''"),
+    "unknown format": ({"fmt": "gif", "gamma": [1]}, "fmt='gif'"),
+    "label of nothing": ({"labels": {"beta": "b"}, "gamma": [1]}, r"labels has \['beta'\]"),
+    "draw not a function": ({"draw": 3, "gamma": [1]}, "draw=3"),
+    "draw without a figure": ({"draw": lambda gamma: None, "gamma": [1]}, "draw returned NoneType"),
+}
+
+
+@pytest.mark.parametrize("arguments, message", BAD.values(), ids=BAD)
+def test_bad_calls_say_what_came_and_what_is_allowed(arguments, message):
+    arguments = {"draw": draw, "title": "T"} | arguments
+    with pytest.raises(ValueError, match=message):
+        explore(arguments.pop("draw"), **arguments)
+
+
+def test_forty_frames_are_allowed():
+    fig = draw(0.5)
+    assert len(explore(lambda gamma: fig, title="T", gamma=range(MAX_FRAMES), fmt="svg").frames) == MAX_FRAMES == 40

@@ -1,0 +1,88 @@
+"""The repository as a whole: what lies at the top, what an import costs, what docstrings cite, the workflows."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+TOP = {"book", "rlcore", "tests", "benchmarks", ".ci", ".github", "_config.yml", "_toc.yml", "requirements.txt"}
+TOP |= {"README.md", "pyproject.toml", "Makefile", "LICENSE", ".gitignore"}
+BIN = Path(sys.executable).parent
+
+
+def tracked():
+    done = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip("not a git checkout")
+    return done.stdout.splitlines()
+
+
+def test_nothing_else_lies_at_the_top():
+    assert {path.split("/")[0] for path in tracked()} == TOP
+
+
+MODULES = [f"rlcore.{path.stem}" for path in sorted((ROOT / "rlcore").glob("[a-z]*.py"))]
+
+
+def test_importing_is_quick_and_light():
+    code = (
+        f"import sys, {', '.join(MODULES)}\n"
+        "import time; cpu = time.process_time()\n"
+        "heavy = [name for name in ('torch', 'matplotlib', 'numba', 'gymnasium', 'scipy') if name in sys.modules]\n"
+        "print(cpu, *heavy)"
+    )
+    runs = [
+        subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True) for _ in range(5)
+    ]
+    assert not any(run.returncode for run in runs), runs[0].stderr
+    words = [run.stdout.split() for run in runs]
+    assert words[0][1:] == [], f"loaded on import: {words[0][1:]}"
+    assert min(float(word[0]) for word in words) < 0.3
+
+
+def test_only_plots_imports_matplotlib():
+    for path in (ROOT / "rlcore").rglob("*.py"):
+        if "plots" not in path.parts:
+            assert not re.search(r"^\s*(import|from) matplotlib", path.read_text(encoding="utf-8"), re.M), path
+
+
+def test_docstrings_cite_entries_that_exist():
+    ids = {row["id"] for row in yaml.safe_load((ROOT / "book" / "concordance.yml").read_text(encoding="utf-8"))}
+    cited = re.compile(r"\b(?:eq|fig|tab|alg|ex|cl|om)-[a-z0-9][a-z0-9-]*")
+    found = 0
+    for path in (ROOT / "rlcore").rglob("*.py"):
+        if "exercises" in path.parts:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef, ast.Module)):
+                for name in cited.findall(ast.get_docstring(node) or ""):
+                    found += 1
+                    assert name in ids, f"{path.name}: {name}"
+    assert found > 50
+
+
+def test_jupyter_book_stays_below_2_and_torch_is_pinned():
+    lines = (ROOT / "requirements.txt").read_text(encoding="utf-8").splitlines()
+    assert any(re.fullmatch(r"jupyter-book==1\..*", line) for line in lines)
+    assert "torch==2.13.0" in lines and "-e ." in lines
+    assert all("==" in line for line in lines if re.match(r"[a-z]", line))
+
+
+WORKFLOWS = sorted(str(path) for path in (ROOT / ".github" / "workflows").glob("*.yml"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["zizmor", "--offline", "-q", "--config", str(ROOT / ".github" / "zizmor.yml"), *WORKFLOWS],
+     ["check-jsonschema", "--builtin-schema", "vendor.github-workflows", *WORKFLOWS]],
+    ids=lambda command: command[0],
+)  # fmt: skip
+def test_workflows_pass_the_linters(command):
+    done = subprocess.run([str(BIN / command[0]), *command[1:]], capture_output=True, text=True, env=os.environ)
+    assert len(WORKFLOWS) >= 3 and done.returncode == 0, done.stdout + done.stderr
