@@ -276,22 +276,23 @@ Exercise(
     statement=r"""
         In the continuing form of pole balancing the reward is $-1$ on a failing step and 0 on all others. A policy fails on
         every 5th step, for ever: $R_5 = R_{10} = R_{15} = \dots = -1$. With $\gamma = 0.8$, predict $G_0$ before you run
-        anything, to four digits; then bind the number to `G0` (a formula is fine).
+        anything, to four digits; then bind the number to `G0_pole` (a formula is fine).
     """,
-    stub="G0 = ...",
+    stub="G0_pole = ...",
     cases=lambda rng: [Case({}, -(0.8**4) / (1 - 0.8**5), tol=1e-3)],
     hints=(
         r"The first failure contributes $-\gamma^4$. The second one comes 5 steps later.",
         r"The contributions form a geometric series with ratio $\gamma^5$.",
     ),
-    solution="G0 = -(0.8**4) / (1 - 0.8**5)",
+    solution="G0_pole = -(0.8**4) / (1 - 0.8**5)",
     wrong=(
-        Wrong("G0 = -(0.8**4)", "this counts the first failure only, as the document's formula does"),
-        Wrong("G0 = -(0.8**5) / (1 - 0.8**5)", "one factor gamma too many: R_5 counts with gamma to the power 4"),
+        Wrong("G0_pole = -(0.8**4)", "this counts the first failure only, as the document's formula does"),
+        Wrong("G0_pole = -(0.8**5) / (1 - 0.8**5)", "one factor gamma too many: R_5 counts with gamma to the power 4"),
         Wrong(
-            "G0 = -(0.8**4) / (1 - 0.8)", "the failures come every 5 steps: the ratio of the series is gamma to the 5"
+            "G0_pole = -(0.8**4) / (1 - 0.8)",
+            "the failures come every 5 steps: the ratio of the series is gamma to the 5",
         ),
-        Wrong("G0 = (0.8**4) / (1 - 0.8**5)", "the sign: a failure pays -1"),
+        Wrong("G0_pole = (0.8**4) / (1 - 0.8**5)", "the sign: a failure pays -1"),
     ),
     minutes=4,
     covers=("eq-u-pole-return", "ex-pole-continuing"),

@@ -260,7 +260,7 @@ Exercise(
 
 def _with_illegal(rng):
     """All values below 0, so that an action that is not there looks best."""
-    for seed in range(2):
+    for _ in range(2):
         Q = -1 - rng.random((3, 3)).round(2)
         legal = np.array([[True, True, False], [True, False, False], [False, True, True]])
         next_state = rng.integers(3, size=(3, 3, 2))

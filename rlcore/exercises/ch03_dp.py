@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from rlcore.bellman import optimality_backup, q_from_v
 from rlcore.dp import value_iteration
 from rlcore.envs import gridworld, random_mdp
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
@@ -619,7 +618,7 @@ Exercise(
     """,
     setup="import numpy as np\nfrom rlcore.mdp import FiniteMDP",
     stub="""
-        def corridor(n, slip):
+        def slippery_corridor(n, slip):
             ...
     """,
     cases=lambda rng: [Case(dict(n=n, slip=slip), _corridor(n, slip)) for n, slip in ((3, 0.1), (5, 0.4))],
@@ -628,7 +627,7 @@ Exercise(
         "The reward of a successful step is 1 if `s + move == n + 1`, else 0; staying pays 0.",
     ),
     solution="""
-        def corridor(n, slip):
+        def slippery_corridor(n, slip):
             outcomes = {}
             for s in range(1, n + 1):
                 for a, move in ((0, -1), (1, 1)):
@@ -639,7 +638,7 @@ Exercise(
     wrong=(
         Wrong(
             """
-            def corridor(n, slip):
+            def slippery_corridor(n, slip):
                 outcomes = {}
                 for s in range(1, n + 1):
                     for a, move in ((0, -1), (1, 1)):
@@ -651,7 +650,7 @@ Exercise(
         ),
         Wrong(
             """
-            def corridor(n, slip):
+            def slippery_corridor(n, slip):
                 outcomes = {}
                 for s in range(1, n + 1):
                     for a, move in ((0, -1), (1, 1)):
@@ -662,7 +661,7 @@ Exercise(
         ),
         Wrong(
             """
-            def corridor(n, slip):
+            def slippery_corridor(n, slip):
                 outcomes = {}
                 for s in range(1, n + 1):
                     for a, move in ((0, 1), (1, -1)):
@@ -673,7 +672,7 @@ Exercise(
         ),
         Wrong(
             """
-            def corridor(n, slip):
+            def slippery_corridor(n, slip):
                 outcomes = {}
                 for s in range(1, n + 1):
                     for a, move in ((0, -1), (1, 1)):

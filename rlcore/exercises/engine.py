@@ -22,8 +22,8 @@ EXERCISES = {}
 class Case:
     """One call of the answer: its arguments by name, and what it must give.
 
-    given: dict of argument name -> value, empty where the answer is a value instead of a function. expected: from rlcore,
-    a closed form or a committed number. tol: largest absolute and relative difference. printed: whether the statement
+    given: dict of argument name -> value, empty where the answer is no function but a value. expected: from
+    rlcore, a closed form or a committed number. tol: largest absolute and relative difference. printed: whether the statement
     shows this case; at least one case of an exercise must not be.
     """
 
@@ -139,7 +139,7 @@ class Verdict:
 
 
 def check(id, answer):
-    """Run the exercise's cases on the answer and say what is wrong with it, by name where the mistake is a usual one.
+    """Run the exercise's cases on the answer and say what is wrong, by name where the mistake is a usual one.
 
     id: of the exercise. answer: what the exercise asks for, a function or a value. Returns a Verdict, which shows itself
     in a notebook. The answer gets copies of its arguments and runs in a process of its own where the system can fork.

@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 from pathlib import Path
 
 from rlcore.exercises.engine import EXERCISES, Verdict
@@ -58,10 +59,11 @@ def _head(module, exercises):
     chapter = f"[chapter](../{module.NOTEBOOK}.ipynb)"
     return f"""# {module.TITLE}
 
-{len(exercises)} exercises, about {minutes} minutes in all, on this {chapter}. Write your answer in the cell below a statement
-and run the check under it. The check runs your answer on cases of its own, stops it if it never ends, and names the mistake
-where it is a usual one. `hint("{exercises[0].id}")` shows the hints one after the other, `solution(...)` the solution after them;
-on the page both are folded below each exercise. Download: <a href="{module.NOTEBOOK}.ipynb" download>this notebook</a>."""
+{len(exercises)} exercises, about {minutes} minutes in all, on this {chapter}. Write your answer in the cell below a
+statement and run the check under it. The check runs your answer on cases of its own, stops it if it never ends, and
+names the mistake where it is a usual one. `hint("{exercises[0].id}")` shows the hints one after the other,
+`solution(...)` the solution after them; on the page both are folded below each exercise. The button with the arrow at
+the top of the page downloads this notebook."""
 
 
 def _setup(exercises):
@@ -78,7 +80,17 @@ def _statement(exercise, number):
 
 *{KIND[exercise.kind].capitalize()}; about {minutes}; {covers}.*
 
-{exercise.statement}"""
+{_with_links(exercise.statement)}"""
+
+
+def _with_links(text):
+    """Equation references as links that a notebook and the page both understand."""
+
+    def link(found):
+        page = "01_mdp" if int(found[1]) <= 11 else "02_bellman"
+        return f"[equation ({found[1]})](../{page}.ipynb)"
+
+    return re.sub(r"\{eq\}`eq-(\d+)`", link, text)
 
 
 def _folded(exercise):
