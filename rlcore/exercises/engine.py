@@ -23,8 +23,8 @@ class Case:
     """One call of the answer: its arguments by name, and what it must give.
 
     given: dict of argument name -> value, empty where the answer is no function but a value. expected: from
-    rlcore, a closed form or a committed number. tol: largest absolute and relative difference. printed: whether the statement
-    shows this case; at least one case of an exercise must not be.
+    rlcore, a closed form or a committed number. tol: largest absolute and relative difference. printed: whether the
+    statement shows this case; at least one case of an exercise must not be.
     """
 
     given: dict
@@ -141,8 +141,8 @@ class Verdict:
 def check(id, answer):
     """Run the exercise's cases on the answer and say what is wrong, by name where the mistake is a usual one.
 
-    id: of the exercise. answer: what the exercise asks for, a function or a value. Returns a Verdict, which shows itself
-    in a notebook. The answer gets copies of its arguments and runs in a process of its own where the system can fork.
+    id: of the exercise. answer: what the exercise asks for, a function or a value. Returns a Verdict, which shows
+    itself in a notebook. The answer gets copies of its arguments and runs in a process of its own where the system can fork.
     """
     exercise = _find(id)
     verdict = _check(exercise, answer)
