@@ -6,6 +6,7 @@ BIN := .venv/bin
 STAMP := .venv/installed
 HTML := _build/html
 NOTEBOOKS := $(wildcard book/*.ipynb)
+EXERCISES := $(wildcard book/exercises/*.ipynb)
 NBVAL := $(BIN)/pytest --nbval --nbval-current-env --nbval-sanitize-with tests/nbval.cfg -n 2 --dist loadfile
 
 THREADS_1 := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1
@@ -57,7 +58,7 @@ pages: $(STAMP)
 notebooks: $(STAMP)
 ifneq ($(NOTEBOOKS),)
 	@echo "Notebooks against their stored outputs, 1 thread"
-	@$(THREADS_1) $(NBVAL) $(NOTEBOOKS)
+	@$(THREADS_1) $(NBVAL) $(NOTEBOOKS) $(EXERCISES)
 	@echo "Notebooks against their stored outputs, 2 threads"
 	@$(THREADS_2) $(NBVAL) $(NOTEBOOKS)
 	@echo "Notebooks against their stored outputs, wide vector units disabled"

@@ -1,0 +1,132 @@
+"""The notebooks of the exercises, generated from the declarations."""
+
+import html
+import json
+import re
+from pathlib import Path
+
+from rlcore.exercises.engine import EXERCISES, Verdict
+
+KIND = {
+    "fill in": "fill in the update",
+    "by hand": "compute by hand, then check",
+    "find the bug": "find the silent bug",
+    "predict": "predict, then run",
+    "build": "build an environment",
+    "experiment": "confirm or refute a claim",
+}
+
+
+def write(chapters, folder):
+    """Write the notebook of every chapter module into `folder`; returns the paths."""
+    paths = []
+    for module in chapters.values():
+        path = Path(folder) / f"{module.NOTEBOOK}.ipynb"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(build(module), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        paths.append(path)
+    return paths
+
+
+def build(module):
+    """The notebook of one chapter as a dictionary, with the outputs that an untouched copy shows."""
+    prefix = module.__name__.rpartition(".")[2].split("_")[0]
+    mine = [exercise for id, exercise in EXERCISES.items() if id.startswith(prefix + "-")]
+    cells = [_markdown(_head(module, mine)), _code(_setup(mine))]
+    for number, exercise in enumerate(mine, 1):
+        cells.append(_markdown(_statement(exercise, number)))
+        cells.append(_code(exercise.stub))
+        verdict = Verdict("not attempted", f"write your answer in `{exercise.name}`, then run the check again")
+        cells.append(_code(f'check("{exercise.id}", {exercise.name})', str(verdict), tag=f"check-{exercise.id}"))
+        cells.append(_markdown(_folded(exercise)))
+    cells.append(_markdown(_questions(module.QUESTIONS)))
+    for number, cell in enumerate(cells, 1):
+        cell["id"] = f"c{number:03d}"
+    count = 0
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            count += 1
+            cell["execution_count"] = count
+            for output in cell["outputs"]:
+                output["execution_count"] = count
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
+    return {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
+
+
+def _head(module, exercises):
+    minutes = sum(exercise.minutes for exercise in exercises)
+    chapter = f"[chapter](../{module.NOTEBOOK}.ipynb)"
+    return f"""# {module.TITLE}
+
+{len(exercises)} exercises, about {minutes} minutes in all, on this {chapter}. Write your answer in the cell below a
+statement and run the check under it. The check runs your answer on cases of its own, stops it if it never ends, and
+names the mistake where it is a usual one. `hint("{exercises[0].id}")` shows the hints one after the other,
+`solution(...)` the solution after them; on the page both are folded below each exercise. The button with the arrow at
+the top of the page downloads this notebook."""
+
+
+def _setup(exercises):
+    lines = dict.fromkeys(line for exercise in exercises for line in exercise.setup.splitlines() if line)
+    return "\n".join([*lines, "", "from rlcore.exercises import check, hint, solution"])
+
+
+def _statement(exercise, number):
+    covers = ", ".join(f"`{id}`" for id in exercise.covers)
+    minutes = "1 minute" if exercise.minutes == 1 else f"{exercise.minutes} minutes"
+    return f"""<span id="{exercise.id}"></span>
+
+## {number}. {exercise.title}
+
+*{KIND[exercise.kind].capitalize()}; about {minutes}; {covers}.*
+
+{_with_links(exercise.statement)}"""
+
+
+def _with_links(text):
+    """Equation references as links that a notebook and the page both understand."""
+
+    def link(found):
+        page = "01_mdp" if int(found[1]) <= 11 else "02_bellman"
+        return f"[equation ({found[1]})](../{page}.ipynb)"
+
+    return re.sub(r"\{eq\}`eq-(\d+)`", link, text)
+
+
+def _folded(exercise):
+    hints = [_details(f"Hint {i}", text) for i, text in enumerate(exercise.hints, 1)]
+    return "\n\n".join([*hints, _details("Solution", f"```python\n{exercise.solution}\n```")])
+
+
+def _details(summary, text):
+    return f"<details>\n<summary>{html.escape(summary)}</summary>\n\n{text}\n\n</details>"
+
+
+def _questions(questions):
+    parts = ["## Questions", "Open the answer that you think is right; each says why it is, or is not."]
+    for number, question in enumerate(questions, 1):
+        parts.append(f"**Question {number}.** {question.text}")
+        for letter, (text, right, why) in zip("abcdef", question.choices):
+            parts.append(_details(f"{letter}) {text}", f"**{'Right' if right else 'No'}.** {why}"))
+    return "\n\n".join(parts)
+
+
+def _markdown(text):
+    return {"cell_type": "markdown", "id": "", "metadata": {}, "source": _lines(text)}
+
+
+def _code(source, output=None, tag=None):
+    data = {"data": {"text/plain": _lines(output)}, "metadata": {}, "output_type": "execute_result"} if output else None
+    metadata = {"tags": [tag]} if tag else {}
+    return {
+        "cell_type": "code",
+        "execution_count": None,
+        "id": "",
+        "metadata": metadata,
+        "outputs": [data] if data else [],
+        "source": _lines(source),
+    }
+
+
+def _lines(text):
+    return text.strip("\n").splitlines(keepends=True)

@@ -1,0 +1,266 @@
+"""Checkers are checked: stubs, solutions, every catalogued mistake, and answers that are wrong in unusual ways."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import nbformat
+import numpy as np
+import pytest
+import yaml
+
+from rlcore.exercises import CHAPTERS, EXERCISES, KINDS, check, hint, solution
+from rlcore.exercises.engine import Verdict
+from rlcore.exercises.notebook import build, write
+from rlcore.exercises.sandbox import Crash, _in_thread, run_guarded
+
+ROOT = Path(__file__).parents[1]
+ALL = list(EXERCISES.values())
+FUNCTIONS = [e for e in ALL if callable(e.bind(e.stub))]
+each = pytest.mark.parametrize("exercise", ALL, ids=lambda e: e.id)
+each_function = pytest.mark.parametrize("exercise", FUNCTIONS, ids=lambda e: e.id)
+
+
+def verdict(exercise, answer):
+    found = check(exercise.id, answer)
+    assert isinstance(found, Verdict) and found.message
+    return found
+
+
+# ---------------------------------------------------------------------- every exercise
+
+
+@each
+def test_the_untouched_stub_is_not_attempted(exercise):
+    assert verdict(exercise, exercise.bind(exercise.stub)).status == "not attempted"
+
+
+@each
+def test_the_solution_passes(exercise):
+    assert verdict(exercise, exercise.bind(exercise.solution)).status == "passed"
+
+
+@each
+def test_every_mistake_gets_its_own_message(exercise):
+    messages = [wrong.message for wrong in exercise.wrong]
+    assert len(set(messages)) == len(messages) >= 3
+    for wrong in exercise.wrong:
+        found = verdict(exercise, exercise.bind(wrong.source))
+        assert (found.status, found.message) == ("failed", wrong.message)
+
+
+@each
+def test_no_line_of_the_solution_can_be_left_out(exercise):
+    lines = exercise.solution.splitlines()
+    for i in range(len(lines)):
+        try:
+            answer = exercise.bind("\n".join(lines[:i] + lines[i + 1 :]))
+        except Exception:  # what is left is no program, or does not define the answer
+            continue
+        assert verdict(exercise, answer).status != "passed", lines[i]
+
+
+def first(*arguments):
+    return arguments[0]
+
+
+def expected_of(exercise, change):
+    """An answer that knows the right results, changed."""
+    results = {repr(case.given): case.expected for case in exercise.make_cases()}
+    names = list(exercise.make_cases()[0].given)
+    return lambda *a: change(results[repr(dict(zip(names, a)))])
+
+
+@each_function
+def test_usual_nonsense_fails_with_a_message(exercise):
+    nan = float("nan")
+    answers = [lambda *a: 0, first, lambda *a: nan, lambda *a: None, lambda *a: np.full((2, 2), nan)]
+    for answer in answers:
+        found = verdict(exercise, answer)
+        assert found.status == "failed" and ("expected" in found.message or found.message in messages(exercise))
+
+
+def messages(exercise):
+    return [wrong.message for wrong in exercise.wrong]
+
+
+@each_function
+def test_right_numbers_in_a_wrong_wrapping_fail(exercise):
+    for change in (lambda x: [x], lambda x: (x, x), str, lambda x: {"answer": x}):
+        assert verdict(exercise, expected_of(exercise, change)).status == "failed"
+    if isinstance(exercise.make_cases()[0].expected, np.ndarray):
+        for change in (lambda x: x[None], lambda x: x.tolist(), lambda x: x.astype(str), lambda x: x.ravel()[:-1]):
+            assert verdict(exercise, expected_of(exercise, change)).status == "failed"
+
+
+@each_function
+def test_an_answer_must_not_change_its_arguments(exercise):
+    right = exercise.bind(exercise.solution)
+
+    def spoils(*arguments):
+        result = right(*arguments)
+        for value in arguments:
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = True
+                value[:] = 7 if value.dtype.kind != "b" else ~value
+            elif isinstance(value, list):
+                value.clear()
+        return result
+
+    if any(isinstance(value, (np.ndarray, list)) for value in exercise.make_cases()[0].given.values()):
+        found = verdict(exercise, spoils)
+        assert found.status == "failed" and "changes its argument" in found.message
+    assert verdict(exercise, right).status == "passed"  # and what it is compared with has not changed
+
+
+@pytest.mark.parametrize("exercise", [e for e in ALL if e not in FUNCTIONS], ids=lambda e: e.id)
+def test_values_that_are_nonsense_fail(exercise):
+    for answer in (0, float("nan"), None, "yes", [], np.zeros(3), lambda: 0):
+        assert verdict(exercise, answer).status == "failed"
+
+
+@each
+def test_cases_are_the_same_each_time_and_some_are_not_printed(exercise):
+    one, two = exercise.make_cases(), exercise.make_cases()
+    assert repr(one) == repr(two)
+    if exercise in FUNCTIONS:
+        assert sum(not case.printed for case in one) >= 2
+
+
+def test_an_answer_that_knows_only_the_printed_example_fails_and_is_told():
+    found = check("ch01-backward-returns", lambda rewards, gamma: np.array([2.0, 6, 8, 4, 2]))
+    assert found.status == "failed" and found.message.startswith("right on the example of the statement")
+
+
+@each
+def test_what_an_exercise_covers_exists(exercise):
+    ids = {row["id"] for row in yaml.safe_load((ROOT / "book" / "concordance.yml").read_text(encoding="utf-8"))}
+    assert exercise.covers and set(exercise.covers) <= ids
+    assert 1 <= exercise.minutes <= 30 and re.fullmatch(r"ch\d\d-[a-z0-9-]+", exercise.id)
+
+
+@pytest.mark.parametrize("name", CHAPTERS)
+def test_a_chapter_has_eight_exercises_of_all_kinds_and_questions(name):
+    mine = [e for e in ALL if e.id.startswith(name[:4] + "-")]
+    assert len(mine) >= 8 and {e.kind for e in mine} == set(KINDS)
+    assert len({e.name for e in mine}) == len(mine)  # an answer must not pass for that of another exercise
+    assert 3 <= len(CHAPTERS[name].QUESTIONS) <= 5
+    for question in CHAPTERS[name].QUESTIONS:
+        assert all(text and why for text, _, why in question.choices)
+
+
+# ---------------------------------------------------------------------- what can go wrong besides
+
+
+ONE = EXERCISES["ch01-expected-reward"]
+
+
+def test_the_learners_own_traceback_is_shown():
+    def broken(prob, reward):
+        return prob[99, 99]
+
+    found = check(ONE.id, broken)
+    assert found.status == "error" and "return prob[99, 99]" in found.message and "IndexError" in found.message
+    assert "rlcore/exercises" not in found.message
+    assert "positional argument" in check(ONE.id, lambda prob: prob).message
+
+
+def test_an_endless_loop_is_stopped():
+    def loop():
+        while True:
+            pass
+
+    for run in (lambda f, s: run_guarded(f, s), lambda f, s: _in_thread(f, s)):
+        try:
+            outcome = run(loop, 0.5)
+        except Crash as crash:
+            assert "never ends" in str(crash)
+        else:
+            assert outcome[0] == "crash" and "never ends" in outcome[1]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is limited on Linux only")
+def test_a_huge_allocation_is_stopped():
+    assert "memory" in check(ONE.id, lambda prob, reward: np.ones((10**6, 10**5))).message
+
+
+def test_a_process_that_dies_and_a_result_that_cannot_travel():
+    import os
+
+    assert check(ONE.id, lambda prob, reward: os._exit(1)).status == "error"
+    assert check(ONE.id, lambda prob, reward: lambda: 0).status == "error"
+
+
+def test_prints_are_shown(capsys):
+    check(ONE.id, lambda prob, reward: print("hello"))
+    assert "hello" in capsys.readouterr().out
+
+
+def test_hints_come_in_order_and_the_solution_after_them():
+    id = "ch02-solve-exactly"
+    assert "2 hints left" in str(solution(id))
+    texts = [str(hint(id)) for _ in range(3)]
+    assert texts[0].startswith("Hint 1 of 2") and texts[1] == texts[2] and texts[1].startswith("Hint 2 of 2")
+    assert str(solution(id)) == EXERCISES[id].solution
+
+
+def test_unknown_ids_are_named():
+    for call in (lambda: check("ch02-nothing", 0), lambda: hint("x"), lambda: solution("x")):
+        with pytest.raises(ValueError, match="^id: got"):
+            call()
+
+
+# ---------------------------------------------------------------------- notebooks and the command
+
+
+@pytest.mark.parametrize("name", CHAPTERS)
+def test_the_committed_notebook_is_the_generated_one(name):
+    path = ROOT / "book" / "exercises" / f"{CHAPTERS[name].NOTEBOOK}.ipynb"
+    assert json.loads(path.read_text(encoding="utf-8")) == build(CHAPTERS[name])
+    nbformat.validate(nbformat.read(path, as_version=4))
+
+
+def run(*arguments, cwd):
+    command = [sys.executable, "-m", "rlcore.exercises", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
+
+
+def test_the_command_tells_right_from_wrong_and_untouched(tmp_path):
+    path = write({"ch01_mdp": CHAPTERS["ch01_mdp"]}, tmp_path)[0]
+    untouched = run(path, cwd=tmp_path)
+    assert untouched.returncode == 0 and untouched.stdout.count("not attempted") >= 8
+    notebook = nbformat.read(path, as_version=4)
+    for cell in notebook.cells:
+        if cell.source == EXERCISES["ch01-return-by-hand"].stub:
+            cell.source = EXERCISES["ch01-return-by-hand"].solution
+        if cell.source == EXERCISES["ch01-expected-reward"].stub:
+            cell.source = EXERCISES["ch01-expected-reward"].wrong[0].source
+        if cell.source == EXERCISES["ch01-predict-pole"].stub:
+            cell.source = "G0_pole = 1 / 0"
+    nbformat.write(notebook, path)
+    done = run(path, "--markdown", "summary.md", cwd=tmp_path)
+    assert done.returncode == 1
+    rows = {line.split()[0]: line for line in done.stdout.splitlines() if line.startswith("ch01-")}
+    assert "passed" in rows["ch01-return-by-hand"]
+    assert EXERCISES["ch01-expected-reward"].wrong[0].message in rows["ch01-expected-reward"]
+    assert "error" in rows["ch01-predict-pole"]
+    suite = ElementTree.parse(tmp_path / "exercises.xml").getroot()
+    assert suite.attrib["tests"] == str(len(rows)) and suite.attrib["failures"] == "1"
+    assert "| ch01-return-by-hand | passed |" in (tmp_path / "summary.md").read_text(encoding="utf-8")
+
+
+def test_a_notebook_that_is_not_there_is_an_error(tmp_path):
+    assert run("nothing.ipynb", cwd=tmp_path).returncode == 2 and run(cwd=tmp_path).returncode == 2
+
+
+def test_nothing_of_rlcore_imports_the_exercises():
+    for path in (ROOT / "rlcore").rglob("*.py"):
+        if "exercises" not in path.parts:
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+                names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+                assert not any(name.startswith("rlcore.exercises") for name in names), path
