@@ -123,9 +123,15 @@ def test_focus_and_choice_are_seen_on_light_and_dark_ground():
     assert re.search(r"input:focus-visible\+label \{outline:3px solid currentColor", page)  # as the text is
 
 
-@pytest.mark.parametrize("other", [{"title": "Others"}, {"gamma": [0.1, 0.2]}, {"alt": lambda **v: f"another {v}"}])
+def same_alt(**values):
+    return "a falling line"
+
+
+@pytest.mark.parametrize(
+    "other", [{"title": "Others"}, {"gamma": [0.1, 0.2, 0.3]}, {"alt": lambda **v: "a rising line"}]
+)
 def test_ids_are_unique_on_a_page_with_two_panels(other):
-    tags = Page(panel().to_html() + panel(**other).to_html()).tags
+    tags = Page(panel(alt=same_alt).to_html() + panel(**{"alt": same_alt} | other).to_html()).tags
     ids = [attributes["id"] for _, attributes in tags if "id" in attributes]
     assert len(ids) == len(set(ids)) >= 12
     assert len({attributes["name"] for tag, attributes in tags if tag == "input"}) == 4

@@ -127,6 +127,14 @@ def test_a_page_stands_on_its_own(page, visit):
     assert not re.search(r"\\\(|\\\[|\\frac|\$\$|:::|\{eq\}|\{prf:", visible)
 
 
+def test_every_claim_is_told_in_words(visit):
+    tab = visit("book/appendix_claims.html")
+    told = tab.locator("table.claims tbody tr td:last-child").all_inner_texts()
+    assert len(told) >= 38
+    for text in told:
+        assert len(text.split()) >= 5 and not re.search(r"\*\*|\$|<", text), text
+
+
 @pytest.mark.parametrize("width", [1280, 360, 320])
 @pytest.mark.parametrize("page", PAGES)
 def test_nothing_is_wider_than_the_page(page, width, visit):

@@ -142,7 +142,8 @@ def check(id, answer):
     """Run the exercise's cases on the answer and say what is wrong, by name where the mistake is a usual one.
 
     id: of the exercise. answer: what the exercise asks for, a function or a value. Returns a Verdict, which shows
-    itself in a notebook. The answer gets copies of its arguments and runs in a process of its own where the system can fork.
+    itself in a notebook. The answer gets copies of its arguments and runs in a process of its own where the system
+    can fork.
     """
     exercise = _find(id)
     verdict = _check(exercise, answer)

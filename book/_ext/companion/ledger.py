@@ -56,6 +56,11 @@ def page_link(text, place):
     return link(text, f"{page}.html#{anchor}")
 
 
+def name_node(text):
+    """A dotted or underscored name as code that may break after its dots and underscores."""
+    return nodes.literal("", re.sub(r"(::|[._/])(?=\w)", "\\1\u200b", text))
+
+
 def commas(items):
     """The nodes, separated by line breaks that a narrow cell can take."""
     spaced = []
@@ -83,11 +88,11 @@ def table(head, body, classes=()):
 def check_node(check):
     """A test or a tagged cell: its name, linked to the file where the repository is known."""
     path, _, name = check.partition("::" if "::" in check else "#")
-    short = nodes.literal("", name or path)
+    short = name_node(name or path)
     if path.endswith(".ipynb"):
         return link(short, Path(path).stem + ".html")
     address = repository.source_link(path)
-    return link(short, address) if address else nodes.literal("", f"{Path(path).name}::{name}")
+    return link(short, address) if address else name_node(f"{Path(path).name}::{name}")
 
 
 class Ledger(SphinxDirective):
@@ -105,7 +110,7 @@ class Ledger(SphinxDirective):
                 body = [
                     [
                         [page_link(row["id"], row["page"])],
-                        commas([link(nodes.literal("", c), f"appendix_api.html#{c}") for c in row["code"]]),
+                        commas([link(name_node(c), f"appendix_api.html#{c}") for c in row["code"]]),
                         commas([check_node(c) for c in row["check"]]),
                     ]
                     for row in done
@@ -123,6 +128,10 @@ def _cells(path, changed):
     return json.loads(Path(path).read_text(encoding="utf-8"))["cells"]
 
 
+TAG = re.compile(r"</?[A-Za-z][^>]*>")
+BADGE = re.compile(r'<span class="verdict[^>]*>[^<]*</span>(?=\s*[A-Z*`$])\s*')  # one that is no part of its sentence
+
+
 def paragraph_at(srcdir, place):
     """The Markdown paragraph that holds an anchor, without HTML tags; empty where there is none."""
     page, _, anchor = place.partition("#")
@@ -132,20 +141,24 @@ def paragraph_at(srcdir, place):
     for cell in _cells(str(path), path.stat().st_mtime_ns):
         text = "".join(cell["source"])
         if cell["cell_type"] == "markdown" and f'id="{anchor}"' in text:
-            for paragraph in re.split(r"\n\s*\n", text):
+            for paragraph in re.split(r"\n\s*\n|\n(?=:::|```)", text):
                 if f'id="{anchor}"' in paragraph:
-                    return re.sub(r"<[^>]+>", "", paragraph.split(f'id="{anchor}"')[1].partition(">")[2]).strip()
+                    after = paragraph.split(f'id="{anchor}"')[1].partition(">")[2]
+                    return TAG.sub("", BADGE.sub("", after)).removeprefix("</span>").strip()
     return ""
 
 
-def first_sentence(text):
-    """Up to the first full stop outside mathematics and code."""
-    inside = None
+def sentences(text, count=2):
+    """The first sentences of a Markdown paragraph; full stops inside mathematics and code end none."""
+    inside, found = None, 0
     for i, letter in enumerate(text):
         if letter in "$`":
             inside = None if inside == letter else inside or letter
-        elif letter in ".!?" and inside is None and (i + 1 == len(text) or text[i + 1].isspace()):
-            return text[: i + 1]
+        elif letter in ".!?" and inside is None:
+            end = re.compile(r'[*_)"]*(?=\s|$)').match(text, i + 1)
+            found += bool(end)
+            if found == count:
+                return text[: end.end()]
     return text
 
 
@@ -172,7 +185,8 @@ class Claims(SphinxDirective):
         verdict = VERDICTS[str(row["verdict"])]
         words = {"conditions": "on conditions"}.get(verdict, verdict)
         text = nodes.container()
-        lines = first_sentence(paragraph_at(self.env.srcdir, row["page"])).splitlines()
+        said = sentences(paragraph_at(self.env.srcdir, row["page"]))
+        lines = re.sub(r"^\*\*Claim: (.)", lambda first: "**" + first[1].upper(), said).splitlines()
         self.state.nested_parse(StringList(lines, "claim"), 0, text)
         inline = text.children[0].children if text.children and isinstance(text.children[0], nodes.paragraph) else []
         return [
