@@ -27,7 +27,7 @@ gap:.3rem;align-items:center}}
 #{u} label {{display:block;margin:0;min-width:1.8rem;text-align:center;line-height:1.5;border:1px solid currentColor;\
 border-radius:.3rem;padding:.1rem .55rem;cursor:pointer}}
 #{u} input:checked+label {{background:#1a6bbf;color:#fff;border-color:#1a6bbf}}
-#{u} input:focus-visible+label {{outline:3px solid currentColor;outline-offset:2px}}
+#{u} input:focus-visible+label {{outline:3px solid #1a6bbf;outline-offset:2px}}
 #{u} .frame {{margin:0}}
 #{u} img {{display:block;box-sizing:border-box;width:100%;max-width:46rem;height:auto;margin:0;padding:.4rem;\
 background:#fff;border-radius:.3rem;filter:none}}
