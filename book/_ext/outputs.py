@@ -28,8 +28,6 @@ def settle(notebook):
         cell.metadata.pop("execution", None)
         for output in cell.get("outputs", []):
             output.get("data", {}).pop(WIDGET, None)
-            if "metadata" in output:
-                output["metadata"] = {}
     return notebook
 
 
