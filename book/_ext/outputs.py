@@ -35,9 +35,8 @@ def run(path):
     """Run one notebook where it lies; seconds that it took."""
     notebook = nbformat.read(path, as_version=4)
     start = time.perf_counter()
-    NotebookClient(
-        notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": path.parent}}
-    ).execute()
+    where = {"metadata": {"path": path.parent}}
+    NotebookClient(notebook, timeout=600, kernel_name="python3", coalesce_streams=True, resources=where).execute()
     seconds = time.perf_counter() - start
     nbformat.write(settle(notebook), path)
     return round(seconds)
@@ -45,13 +44,13 @@ def run(path):
 
 def main(paths):
     store = Path(__file__).parents[1] / "data" / "run_times.yml"
+    store.parent.mkdir(exist_ok=True)
     record = (yaml.safe_load(store.read_text()) if store.exists() else None) or {"seconds": {}}
+    record["versions"] = {name: metadata.version(name) for name in PACKAGES}
     for path in paths:
         record["seconds"][path.stem] = run(path)
-        print(f"{path}: {record['seconds'][path.stem]} s")
-    record["versions"] = {name: metadata.version(name) for name in PACKAGES}
-    store.parent.mkdir(exist_ok=True)
-    store.write_text(yaml.safe_dump(record))
+        store.write_text(yaml.safe_dump(record))
+        print(f"{path}: {record['seconds'][path.stem]} s", flush=True)
 
 
 if __name__ == "__main__":
