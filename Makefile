@@ -2,6 +2,7 @@
 # make check  lint, format and unit tests, quickly   make lab     open the notebooks in JupyterLab
 # make outputs  run the notebooks and store what they show        make clean   remove what the build made
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3 python,$(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print("$(p)")' 2>/dev/null)))
+REQUIREMENTS ?= requirements.txt
 BIN := .venv/bin
 STAMP := .venv/installed
 HTML := _build/html
@@ -19,11 +20,11 @@ NARROW := NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL AVX512_SPR" OPENBLA
 
 install: $(STAMP)
 
-$(STAMP): requirements.txt pyproject.toml
+$(STAMP): $(REQUIREMENTS) pyproject.toml
 	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer, with venv, is needed; name it with: make PYTHON=/path/to/python3"; exit 1; }
 	@test -x $(BIN)/python || { echo "Making .venv with $(PYTHON)"; $(PYTHON) -m venv .venv; }
-	@echo "Installing requirements.txt into .venv (a few minutes the first time)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	@echo "Installing $(REQUIREMENTS) into .venv (a few minutes the first time)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r $(REQUIREMENTS)
 	@touch $@
 
 book: html
