@@ -172,9 +172,9 @@ def sarsa(world, gamma, n_episodes, *, alpha, epsilon=None, pi=None, Q0=0.0, max
         raise ValueError(f"epsilon: got {epsilon!r} with pi = {pi!r}, one of the two must be given")
     args = (gamma, n_episodes, alpha, epsilon if pi is None else 0.0, Q0, max_steps, record, rng)
     if pi is None:
-        return _control(_sarsa, world, *args, pi_cdf=(np.zeros((0, 0)),))
+        return _control(_sarsa, world, *args, None)
     pi = check_pi(spaces(world)[0], pi)
-    run = _control(_sarsa, world, *args, pi_cdf=(cumulative(pi),), pi=pi)
+    run = _control(_sarsa, world, *args, cumulative(pi), pi=pi)
     return replace(run, V=v_from_q(run.Q, pi), policy=pi)
 
 
@@ -184,11 +184,13 @@ def _sarsa(world, gamma, n_episodes, alpha, epsilon, Q, max_steps, record, pi_cd
     returns, lengths, now = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), 0
     for k in range(n_episodes):
         s, done = reset(world, rng), False
-        a = _choose(Q, s, at(epsilon, now if epsilon.per_step else k), pi_cdf, rng)
+        eps = at(epsilon, now if epsilon.per_step else k)
+        a = epsilon_greedy(Q, s, eps, rng) if pi_cdf is None else draw(pi_cdf[s], rng)
         while not done:
             s_next, r, terminated, truncated = act(world, s, a, rng)
             now += 1
-            a_next = _choose(Q, s_next, at(epsilon, now if epsilon.per_step else k), pi_cdf, rng)
+            eps = at(epsilon, now if epsilon.per_step else k)
+            a_next = epsilon_greedy(Q, s_next, eps, rng) if pi_cdf is None else draw(pi_cdf[s_next], rng)
             Q[s, a] += at(alpha, N[s, a]) * (r + gamma * Q[s_next, a_next] * (not terminated) - Q[s, a])  # eq-20
             N[s, a] += 1
             returns[k] += r
@@ -197,11 +199,6 @@ def _sarsa(world, gamma, n_episodes, alpha, epsilon, Q, max_steps, record, pi_cd
         if record and (k + 1) % record == 0:
             history[(k + 1) // record] = Q
     return returns, lengths, history
-
-
-@compiled
-def _choose(Q, s, epsilon, pi_cdf, rng):
-    return draw(pi_cdf[s], rng) if pi_cdf.size else epsilon_greedy(Q, s, epsilon, rng)
 
 
 def expected_sarsa(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_steps=None, record=1, rng):
@@ -273,13 +270,13 @@ def _start_history(table, n_episodes, record):
     return history
 
 
-def _control(loop, world, gamma, n_episodes, alpha, epsilon, Q0, max_steps, record, rng, *, pi_cdf=(), pi=None):
+def _control(loop, world, gamma, n_episodes, alpha, epsilon, Q0, max_steps, record, rng, *more, pi=None):
     """Check the settings, run the loop, and return its Run with the epsilon-greedy policy of the last Q."""
     (legal, terminal), gamma, n_episodes = spaces(world), check_gamma(gamma), check_count("n_episodes", n_episodes)
     alpha, epsilon = check_schedule("alpha", alpha), check_schedule("epsilon", epsilon)
     Q, record = check_q0(legal, terminal, Q0), check_count("record", record, least=0)
     max_steps = check_max_steps(world, max_steps, legal / legal.sum(axis=1, keepdims=True) if pi is None else pi)
-    settings = (gamma, n_episodes, alpha, epsilon, Q, max_steps, record, *pi_cdf)
+    settings = (gamma, n_episodes, alpha, epsilon, Q, max_steps, record, *more)
     returns, lengths, history = run_loop(loop, world, *settings, rng=check_rng(rng))
     policy = soft_greedy(Q, float(at(epsilon, lengths.sum() if epsilon.per_step else n_episodes)))
     return Run(returns, lengths, Q.max(axis=1), Q, policy, history if record else None)
