@@ -2,10 +2,11 @@
 
 import types
 from collections import namedtuple
+from numbers import Real
 
 import numpy as np
 
-from rlcore.bellman import is_proper
+from rlcore.bellman import _reaches, policy_matrix
 from rlcore.compiled import compiled
 from rlcore.mdp import FiniteMDP, check_count, draw, step
 
@@ -70,9 +71,15 @@ def check_max_steps(world, max_steps, pi=None):
     """max_steps as an integer; None, for no limit, is refused where an episode under pi may never end."""
     if max_steps is not None:
         return check_count("max_steps", max_steps)
-    if isinstance(world, FiniteMDP) and pi is not None and not is_proper(world, pi):
+    if isinstance(world, FiniteMDP) and pi is not None and not _ends(world, pi):
         raise ValueError("max_steps: got None, must be a number because some episode under pi never ends")
     return FOREVER
+
+
+def _ends(mdp, pi):
+    """Whether every state that pi can meet leads to a terminal one; walled-off cells do not matter."""
+    P, _ = policy_matrix(mdp, pi)
+    return bool((_reaches(P, mdp.terminal) | ~_reaches(P.T, mdp.start > 0)).all())
 
 
 # ---------------------------------------------------------------------- schedules
@@ -98,7 +105,7 @@ def check_schedule(name, value):
     """value as a Schedule; a number is one that never falls. ValueError unless it is in (0, 1], or 0 for epsilon."""
     if isinstance(value, Schedule):
         return value
-    if not (np.ndim(value) == 0 and (0 < value <= 1 or (name == "epsilon" and value == 0))):
+    if not (isinstance(value, Real) and (0 < value <= 1 or (name == "epsilon" and value == 0))):
         raise ValueError(
             f"{name}: got {value!r}, must be in {'[0, 1]' if name == 'epsilon' else '(0, 1]'} or decaying(...)"
         )

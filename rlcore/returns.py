@@ -8,13 +8,26 @@ import numpy as np
 
 from rlcore.bellman import policy_matrix, solve_policy
 from rlcore.compiled import compiled
-from rlcore.mdp import FiniteMDP, as_floats, as_integers, check_count, check_gamma, check_probability, check_values
-from rlcore.tabular import check_rate
+from rlcore.experience import act, check_max_steps, reset, run_loop, spaces
+from rlcore.mdp import (
+    FiniteMDP,
+    as_floats,
+    as_integers,
+    check_count,
+    check_gamma,
+    check_probability,
+    check_rng,
+    check_values,
+    cumulative,
+    draw,
+)
+from rlcore.results import Run
+from rlcore.tabular import check_pi, check_rate, check_v0
 
-TRACES = ("accumulating", "dutch", "replacing")
+READINGS = ("in order", "summed", "recomputed")
 
 
-# ---------------------------------------------------------------------- the forward view
+# ---------------------------------------------------------------------- targets of one episode
 
 
 @compiled
@@ -99,77 +112,138 @@ def error_reduction(mdp, pi, v, n, gamma, *, printed=False):
     return float(np.abs(expected - v_pi).max()), float(factor * np.abs(v - v_pi).max())  # eq-30
 
 
-# ---------------------------------------------------------------------- the backward view
-
-
-def trace_update(e, visited, gamma_lam, kind, alpha=None):
-    """The trace after one step, from the trace e before it. eq-34, eq-35, om-state-traces, om-indicator, fig-26
-
-    e: a number or an array. visited: 1 for the state (or pair) of this step, else 0; like e. gamma_lam: in [0, 1].
-    kind: "accumulating", "dutch", "replacing" or "dutch as printed", which shrinks all pairs, not the visited one
-    (eq-u-trace-dutch). alpha: step size in (0, 1], for the dutch kinds. Source: Sutton and Barto (2018), section 12.5.
-    """
-    e, visited = as_floats("e", e), as_floats("visited", visited)
-    if not np.isin(visited, (0, 1)).all():
-        raise ValueError(f"visited: got {visited}, must be 0 or 1")
-    decay = check_probability("gamma_lam", gamma_lam)
-    if kind == "dutch as printed":
-        return (1 - check_rate(alpha)) * decay * e + visited  # eq-u-trace-dutch
-    keep = kept(kind, alpha, "kind")
-    return decay * e * np.where(visited == 1, keep, 1.0) + visited  # eq-34, eq-35
-
-
-def kept(kind, alpha, name="trace"):
-    """How much of the decayed trace of the visited state stays when 1 is added: 1, 1 - alpha or 0. cl-076"""
-    if kind not in TRACES:
-        raise ValueError(f"{name}: got {kind!r}, allowed are {', '.join(map(repr, TRACES))}")
-    if kind == "dutch":
-        return 1 - check_rate(alpha)
-    return 1.0 if kind == "accumulating" else 0.0
-
-
-def trace_course(visits, n_steps, gamma_lam, kind, alpha=None):
-    """The trace of one state at times 0 ... n_steps - 1, (n_steps,). fig-26, cl-075
-
-    visits: the times at which the state is visited. Others: as in trace_update.
-    """
-    n_steps, visits = check_count("n_steps", n_steps), as_integers("visits", visits)
-    if ((visits < 0) | (visits >= n_steps)).any():
-        raise ValueError(f"visits: got {visits}, must be times in 0..{n_steps - 1}")
-    course, e = np.zeros(n_steps), 0.0
-    for t in range(n_steps):
-        course[t] = e = trace_update(e, t in visits, gamma_lam, kind, alpha)
-    return course
-
-
-# ---------------------------------------------------------------------- both, on one recorded episode
-
-
 def forward_increments(states, rewards, V, gamma, lam, alpha):
     """What the lambda-returns of an episode add to V, V held fixed: (T, S), row t at time t. eq-33, fig-25
 
     states: (T,) where the episode terminated, else (T + 1,). rewards: (T,). V: (S,). The sum over t is the update.
     """
-    states, rewards, values, V = _visits(states, rewards, V)
+    states, rewards, values, V = visited_values(states, rewards, V)
     L = lambda_return(rewards, values, gamma, lam)
     increments = np.zeros((rewards.size, V.size))
     increments[np.arange(rewards.size), states[: rewards.size]] = check_rate(alpha) * (L - values[: rewards.size])
     return increments  # eq-33
 
 
-def backward_increments(states, rewards, V, gamma, lam, alpha, trace="accumulating"):
-    """alpha delta_t E_t(s) of an episode, V held fixed: (T, S), row t at time t. eq-36, eq-37, fig-27, cl-073
+# ---------------------------------------------------------------------- learning from them
 
-    states, rewards, V: as in forward_increments. With accumulating traces the sums over t are equal.
+
+def n_step_td(world, pi, gamma, n, n_episodes, *, alpha, online=True, V0=0.0, max_steps=None, record=1, rng):
+    """v_pi from n-step returns. alg-n-step-online, alg-n-step-offline, eq-26, eq-27, eq-28, eq-29, cl-067
+
+    world: FiniteMDP, or gymnasium.Env with Discrete spaces. n: the number of rewards in a target; a state is updated n
+    steps after its visit, or at the end. alpha: step size in (0, 1]. online: update at each step, else add the summed
+    increments when the episode ends. V0: a number or (S,). max_steps: an episode that long is cut, and its last targets
+    bootstrap; None needs a policy that ends every episode. record: history keeps V before the first and after each
+    record-th episode; 0 keeps none. Returns a Run with V and history (n_episodes // record + 1, S).
+    Source: Sutton and Barto (2018), section 7.1.
     """
-    states, rewards, values, V = _visits(states, rewards, V)
-    gamma_lam = check_gamma(gamma) * check_probability("lam", lam)
-    values = np.append(values, 0.0) if values.size == rewards.size else values
-    delta = rewards + gamma * values[1:] - values[:-1]  # eq-36
-    E, e = np.zeros((rewards.size, V.size)), np.zeros(V.size)
-    for t, s in enumerate(states[: rewards.size]):
-        E[t] = e = trace_update(e, np.arange(V.size) == s, gamma_lam, trace, alpha)
-    return check_rate(alpha) * delta[:, None] * E  # eq-37
+    alpha, n = check_rate(alpha), check_count("n", n)
+    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
+    found = run_loop(_n_step_td, world, cumulative(pi), *settings, n, alpha, bool(online), rng=rng)
+    return value_run(found, pi, record)
+
+
+@compiled
+def _n_step_td(world, pi_cdf, gamma, n_episodes, V, max_steps, record, n, alpha, online, rng):
+    history, returns, lengths = books(V, n_episodes, record)
+    change = V if online else np.zeros_like(V)
+    states, rewards = np.zeros(n, np.int64), np.zeros(n)  # the last n steps, that of time t at t mod n
+    for i in range(n_episodes):
+        s = reset(world, rng)
+        t, done = 0, False
+        while not done:
+            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
+            states[t % n], rewards[t % n] = s, r
+            returns[i] += r
+            t += 1
+            done = terminated or truncated or t >= max_steps
+            for tau in range(max(t - n, 0), t if done else t - n + 1):
+                G = return_to_horizon(rewards, gamma, tau, t, V[s_next] * (not terminated))  # eq-25
+                change[states[tau % n]] += alpha * (G - V[states[tau % n]])  # eq-26, eq-27
+            s = s_next
+        if not online:
+            V += change  # eq-29
+            change[:] = 0.0
+        lengths[i] = t
+        if record and (i + 1) % record == 0:
+            history[(i + 1) // record] = V
+    return returns, lengths, V, history
+
+
+def offline_lambda_return(
+    world, pi, gamma, lam, n_episodes, *, alpha, reading="in order", V0=0.0, max_steps=None, record=1, rng
+):
+    """v_pi from lambda-returns, at the end of each episode. alg-lambda-return, eq-33
+
+    reading: how the increments (33) of an episode meet. "in order": the targets are those of the V before the episode,
+    the updates follow each other, each from the V that the one before left. "summed": V is held fixed for the updates,
+    too, and their sum is added once. "recomputed": the targets, too, use the newest V. lam: in [0, 1].
+    Others, and the Run that it returns: as in n_step_td. Source: Sutton and Barto (2018), section 12.1.
+    """
+    alpha, lam = check_rate(alpha), check_probability("lam", lam)
+    if reading not in READINGS:
+        raise ValueError(f"reading: got {reading!r}, allowed are {', '.join(map(repr, READINGS))}")
+    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
+    how = (lam, alpha, reading == "summed", reading == "recomputed")
+    found = run_loop(_offline_lambda_return, world, cumulative(pi), *settings, *how, rng=rng)
+    return value_run(found, pi, record)
+
+
+@compiled
+def _offline_lambda_return(world, pi_cdf, gamma, n_episodes, V, max_steps, record, lam, alpha, summed, recomputed, rng):
+    history, returns, lengths = books(V, n_episodes, record)
+    change = np.zeros_like(V) if summed else V
+    states, rewards = np.zeros(128, np.int64), np.zeros(128)
+    for i in range(n_episodes):
+        s = reset(world, rng)
+        T, done, terminated = 0, False, False
+        while not done:
+            if states.size < T + 2:
+                states, rewards = np.concatenate((states, states)), np.concatenate((rewards, rewards))
+            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
+            states[T], states[T + 1], rewards[T] = s, s_next, r
+            returns[i] += r
+            T += 1
+            s, done = s_next, terminated or truncated or max_steps <= T
+        L = rewards
+        for t in range(T):
+            if t == 0 or recomputed:
+                values = V[states[: T + 1]]
+                values[T] *= not terminated
+                L = lambda_returns(rewards[:T], values, gamma, lam, t)  # eq-32
+            change[states[t]] += alpha * (L[t] - V[states[t]])  # eq-33
+        if summed:
+            V += change  # eq-29
+            change[:] = 0.0
+        lengths[i] = T
+        if record and (i + 1) % record == 0:
+            history[(i + 1) // record] = V
+    return returns, lengths, V, history
+
+
+# ---------------------------------------------------------------------- what the learners share
+
+
+@compiled
+def books(table, n_episodes, record):
+    """history with the first estimates, returns and lengths of episodes still to come."""
+    n_kept = 1 + (n_episodes // record if record else 0)
+    history = np.zeros((n_kept, *table.shape))
+    history[0] = table
+    return history, np.zeros(n_episodes), np.zeros(n_episodes, np.int64)
+
+
+def check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng):
+    """pi, gamma, n_episodes, V, max_steps, record as loops take them."""
+    (legal, terminal), gamma, n_episodes = spaces(world), check_gamma(gamma), check_count("n_episodes", n_episodes)
+    pi, V, record, _ = check_pi(legal, pi), check_v0(terminal, V0), check_count("record", record, 0), check_rng(rng)
+    return pi, gamma, n_episodes, V, check_max_steps(world, max_steps, pi), record
+
+
+def value_run(found, pi, record):
+    """The Run of a loop that learned v_pi."""
+    returns, lengths, V, history = found
+    return Run(returns, lengths, V=V, policy=pi, history=history if record else None)
 
 
 # ---------------------------------------------------------------------- checks
@@ -188,7 +262,7 @@ def _episode(rewards, values):
     return rewards, np.append(values, 0.0) if values.size == rewards.size else values
 
 
-def _visits(states, rewards, V):
+def visited_values(states, rewards, V):
     """states, rewards, the values of the states, and V; ValueError unless they fit each other."""
     states, V = as_integers("states", states), as_floats("V", V)
     if V.ndim != 1:

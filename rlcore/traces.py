@@ -6,167 +6,109 @@ import numpy as np
 
 from rlcore.compiled import compiled
 from rlcore.experience import act, check_max_steps, reset, run_loop, spaces
-from rlcore.mdp import as_floats, check_count, check_gamma, check_probability, check_rng, cumulative, draw
+from rlcore.mdp import as_floats, as_integers, check_count, check_gamma, check_probability, check_rng, cumulative, draw
 from rlcore.results import Run
-from rlcore.returns import (
-    TRACES,
-    backward_increments,
+from rlcore.returns import (  # noqa: F401
+    books,
+    check_prediction,
     complex_backup,
     error_reduction,
     forward_increments,
-    kept,
     lambda_return,
-    lambda_returns,
     lambda_weights,
     n_step_return,
-    return_to_horizon,
-    trace_course,
-    trace_update,
+    n_step_td,
+    offline_lambda_return,
+    value_run,
+    visited_values,
 )
-from rlcore.tabular import check_rate, epsilon_greedy, max_value, soft_greedy
+from rlcore.tabular import check_q0, check_rate, epsilon_greedy, max_value, soft_greedy
 
-__all__ = [
-    "TRACES",
-    "WatkinsRun",
-    "backward_increments",
-    "complex_backup",
-    "error_reduction",
-    "forward_increments",
-    "lambda_return",
-    "lambda_weights",
-    "n_step_return",
-    "n_step_td",
-    "offline_lambda_return",
-    "sarsa_lambda",
-    "td_lambda",
-    "trace_course",
-    "trace_update",
-    "true_online_td_lambda",
-    "watkins_q_lambda",
-]
-READINGS = ("in order", "summed", "recomputed")
+TRACES = ("accumulating", "dutch", "replacing")
 
 
-# ---------------------------------------------------------------------- prediction, forward view
+# ---------------------------------------------------------------------- the trace of a state or a pair
 
 
-def n_step_td(world, pi, gamma, n, n_episodes, *, alpha, online=True, V0=0.0, max_steps=None, record=1, rng):
-    """v_pi from n-step returns. alg-n-step-online, alg-n-step-offline, eq-26, eq-27, eq-28, eq-29, cl-067
+def trace_update(e, visited, gamma_lam, kind, alpha=None):
+    """The trace after one step, from the trace e before it. eq-34, eq-35, om-state-traces, om-indicator, fig-26
 
-    world: FiniteMDP, or gymnasium.Env with Discrete spaces. n: the number of rewards in a target; a state is updated n
-    steps after its visit, or at the end. alpha: step size in (0, 1]. online: update at each step, else add the summed
-    increments when the episode ends. V0: a number or (S,). max_steps: an episode that long is cut, and its last targets
-    bootstrap; None needs a policy that ends every episode. record: history keeps V before the first and after each
-    record-th episode; 0 keeps none. Returns a Run with V and history (n_episodes // record + 1, S).
-    Source: Sutton and Barto (2018), section 7.1.
+    e: a number or an array. visited: 1 for the state (or pair) of this step, else 0; like e. gamma_lam: in [0, 1].
+    kind: "accumulating", "dutch", "replacing" or "dutch as printed", which shrinks all pairs, not the visited one
+    (eq-u-trace-dutch). alpha: step size in (0, 1], for the dutch kinds. Source: Sutton and Barto (2018), section 12.5.
     """
-    alpha, n = check_rate(alpha), check_count("n", n)
-    pi, *settings = _prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
-    return _run(run_loop(_n_step_td, world, cumulative(pi), *settings, n, alpha, bool(online), rng=rng), V=pi)
+    e, visited = as_floats("e", e), as_floats("visited", visited)
+    if not np.isin(visited, (0, 1)).all():
+        raise ValueError(f"visited: got {visited}, must be 0 or 1")
+    decay = check_probability("gamma_lam", gamma_lam)
+    if kind == "dutch as printed":
+        return (1 - check_rate(alpha)) * decay * e + visited  # eq-u-trace-dutch
+    keep = kept(kind, alpha, "kind")
+    return decay * e * np.where(visited == 1, keep, 1.0) + visited  # eq-34, eq-35
 
 
-@compiled
-def _n_step_td(world, pi_cdf, gamma, n_episodes, V, max_steps, record, n, alpha, online, rng):
-    history, returns, lengths = _books(V, n_episodes, record)
-    change = V if online else np.zeros_like(V)
-    states, rewards = np.zeros(n, np.int64), np.zeros(n)  # the last n steps, that of time t at t mod n
-    for i in range(n_episodes):
-        s = reset(world, rng)
-        t, done = 0, False
-        while not done:
-            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
-            states[t % n], rewards[t % n] = s, r
-            returns[i] += r
-            t += 1
-            done = terminated or truncated or t >= max_steps
-            for tau in range(max(t - n, 0), t if done else t - n + 1):
-                G = return_to_horizon(rewards, gamma, tau, t, V[s_next] * (not terminated))  # eq-25
-                change[states[tau % n]] += alpha * (G - V[states[tau % n]])  # eq-26, eq-27
-            s = s_next
-        if not online:
-            V += change  # eq-29
-            change[:] = 0.0
-        lengths[i] = t
-        if record and (i + 1) % record == 0:
-            history[(i + 1) // record] = V
-    return returns, lengths, V, history
+def kept(kind, alpha, name="trace"):
+    """How much of the decayed trace of the visited state stays when 1 is added: 1, 1 - alpha or 0. cl-076"""
+    if kind not in TRACES:
+        raise ValueError(f"{name}: got {kind!r}, allowed are {', '.join(map(repr, TRACES))}")
+    if kind == "dutch":
+        return 1 - check_rate(alpha)
+    return 1.0 if kind == "accumulating" else 0.0
 
 
-def offline_lambda_return(
-    world, pi, gamma, lam, n_episodes, *, alpha, reading="in order", V0=0.0, max_steps=None, record=1, rng
-):
-    """v_pi from lambda-returns, at the end of each episode. alg-lambda-return, eq-33
+def trace_course(visits, n_steps, gamma_lam, kind, alpha=None):
+    """The trace of one state at times 0 ... n_steps - 1, (n_steps,). fig-26, cl-075
 
-    reading: how the increments (33) of an episode meet. "in order": the targets are those of the V before the episode,
-    the updates follow each other, each from the V that the one before left. "summed": V is held fixed for the updates,
-    too, and their sum is added once. "recomputed": the targets, too, use the newest V. lam: in [0, 1].
-    Others, and the Run that it returns: as in n_step_td. Source: Sutton and Barto (2018), section 12.1.
+    visits: the times at which the state is visited. Others: as in trace_update.
     """
-    alpha, lam = check_rate(alpha), check_probability("lam", lam)
-    if reading not in READINGS:
-        raise ValueError(f"reading: got {reading!r}, allowed are {', '.join(map(repr, READINGS))}")
-    pi, *settings = _prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
-    how = (lam, alpha, reading == "summed", reading == "recomputed")
-    return _run(run_loop(_offline_lambda_return, world, cumulative(pi), *settings, *how, rng=rng), V=pi)
+    n_steps, visits = check_count("n_steps", n_steps), as_integers("visits", visits)
+    if ((visits < 0) | (visits >= n_steps)).any():
+        raise ValueError(f"visits: got {visits}, must be times in 0..{n_steps - 1}")
+    course, e = np.zeros(n_steps), 0.0
+    for t in range(n_steps):
+        course[t] = e = trace_update(e, t in visits, gamma_lam, kind, alpha)
+    return course
 
 
-@compiled
-def _offline_lambda_return(world, pi_cdf, gamma, n_episodes, V, max_steps, record, lam, alpha, summed, recomputed, rng):
-    history, returns, lengths = _books(V, n_episodes, record)
-    change = np.zeros_like(V) if summed else V
-    states, rewards = np.zeros(128, np.int64), np.zeros(128)
-    for i in range(n_episodes):
-        s = reset(world, rng)
-        T, done, terminated = 0, False, False
-        while not done:
-            if states.size < T + 2:
-                states, rewards = np.concatenate((states, states)), np.concatenate((rewards, rewards))
-            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
-            states[T], states[T + 1], rewards[T] = s, s_next, r
-            returns[i] += r
-            T += 1
-            s, done = s_next, terminated or truncated or T >= max_steps
-        L = rewards
-        for t in range(T):
-            if t == 0 or recomputed:
-                values = V[states[: T + 1]]
-                values[T] *= not terminated
-                L = lambda_returns(rewards[:T], values, gamma, lam, t)  # eq-32
-            change[states[t]] += alpha * (L[t] - V[states[t]])  # eq-33
-        if summed:
-            V += change  # eq-29
-            change[:] = 0.0
-        lengths[i] = T
-        if record and (i + 1) % record == 0:
-            history[(i + 1) // record] = V
-    return returns, lengths, V, history
+def backward_increments(states, rewards, V, gamma, lam, alpha, trace="accumulating"):
+    """alpha delta_t E_t(s) of an episode, V held fixed: (T, S), row t at time t. eq-36, eq-37, fig-27, cl-073
+
+    states, rewards, V: as in forward_increments. With accumulating traces the sums over t are equal.
+    """
+    states, rewards, values, V = visited_values(states, rewards, V)
+    gamma_lam = check_gamma(gamma) * check_probability("lam", lam)
+    values = np.append(values, 0.0) if values.size == rewards.size else values
+    delta = rewards + gamma * values[1:] - values[:-1]  # eq-36
+    E, e = np.zeros((rewards.size, V.size)), np.zeros(V.size)
+    for t, s in enumerate(states[: rewards.size]):
+        E[t] = e = trace_update(e, np.arange(V.size) == s, gamma_lam, trace, alpha)
+    return check_rate(alpha) * delta[:, None] * E  # eq-37
 
 
-# ---------------------------------------------------------------------- prediction, backward view
+# ---------------------------------------------------------------------- prediction
 
 
 @compiled
 def visit(e, live, n, x, keep):
-    """Add 1 to the trace of x, of which a part `keep` stays; how many traces are alive then."""
+    """Add 1 to the trace of x, of which a part `keep` stays; how many traces live[:n] lists then."""
     if e[x] == 0.0:
         live[n] = x
-        n += 1
+        k = 0
+        while live[k] != x:  # it is listed already if its trace has become too small for a float
+            k += 1
+        n = max(n, k + 1)
     e[x] = keep * e[x] + 1.0  # eq-35
     return n
 
 
 @compiled
 def credit(table, e, live, n, step, decay):
-    """table += step e, then e *= decay, where e is not 0: at live[:n]; how many traces are alive then."""
-    alive = 0
+    """table += step e, then e *= decay, at live[:n], for elsewhere e is 0; how many traces live[:n] lists then."""
     for k in range(n):
         x = live[k]
         table[x] += step * e[x]  # eq-37, eq-38, eq-40
         e[x] *= decay  # eq-34
-        if e[x] != 0.0:
-            live[alive] = x
-            alive += 1
-    return alive
+    return n if decay > 0.0 else 0
 
 
 def td_lambda(
@@ -194,15 +136,16 @@ def td_lambda(
     """
     alpha, lam = check_rate(alpha), check_probability("lam", lam)
     keep = kept(trace, alpha)
-    pi, *settings = _prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
-    return _run(run_loop(_td_lambda, world, cumulative(pi), *settings, lam, alpha, keep, bool(online), rng=rng), V=pi)
+    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
+    found = run_loop(_td_lambda, world, cumulative(pi), *settings, lam, alpha, keep, bool(online), rng=rng)
+    return value_run(found, pi, record)
 
 
 @compiled
 def _td_lambda(world, pi_cdf, gamma, n_episodes, V, max_steps, record, lam, alpha, keep, online, rng):
-    history, returns, lengths = _books(V, n_episodes, record)
+    history, returns, lengths = books(V, n_episodes, record)
     change = V if online else np.zeros_like(V)
-    e, live, n = np.zeros_like(V), np.zeros(V.size, np.int64), 0  # states whose trace is not 0: live[:n]
+    e, live, n = np.zeros_like(V), np.zeros(V.size + 1, np.int64), 0  # states whose trace is not 0: live[:n]
     for i in range(n_episodes):
         s = reset(world, rng)
         e[live[:n]] = 0.0
@@ -231,14 +174,15 @@ def true_online_td_lambda(world, pi, gamma, lam, n_episodes, *, alpha, V0=0.0, m
     returns: as in td_lambda. Source: van Seijen and Sutton (2014); Sutton and Barto (2018), section 12.5.
     """
     alpha, lam = check_rate(alpha), check_probability("lam", lam)
-    pi, *settings = _prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
-    return _run(run_loop(_true_online_td_lambda, world, cumulative(pi), *settings, lam, alpha, rng=rng), V=pi)
+    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
+    found = run_loop(_true_online_td_lambda, world, cumulative(pi), *settings, lam, alpha, rng=rng)
+    return value_run(found, pi, record)
 
 
 @compiled
 def _true_online_td_lambda(world, pi_cdf, gamma, n_episodes, V, max_steps, record, lam, alpha, rng):
-    history, returns, lengths = _books(V, n_episodes, record)
-    e, live, n = np.zeros_like(V), np.zeros(V.size, np.int64), 0
+    history, returns, lengths = books(V, n_episodes, record)
+    e, live, n = np.zeros_like(V), np.zeros(V.size + 1, np.int64), 0
     for i in range(n_episodes):
         s = reset(world, rng)
         e[live[:n]] = 0.0
@@ -264,36 +208,25 @@ def _true_online_td_lambda(world, pi_cdf, gamma, n_episodes, V, max_steps, recor
 
 
 def sarsa_lambda(
-    world,
-    gamma,
-    lam,
-    n_episodes,
-    *,
-    alpha,
-    epsilon,
-    trace="accumulating",
-    Q0=0.0,
-    max_steps=None,
-    record=1,
-    rng,
+    world, gamma, lam, n_episodes, *, alpha, epsilon, trace="accumulating", Q0=0.0, max_steps=None, record=1, rng
 ):
     """SARSA with a trace for each pair. alg-sarsa-lambda, fig-28, cl-078
 
     world: FiniteMDP, or gymnasium.Env with Discrete spaces. lam: trace decay in [0, 1]; 0 is SARSA. alpha: in (0, 1].
     epsilon: probability of a random action. trace: "accumulating", "dutch" or "replacing". Q0: a number or (S, A).
     max_steps: an episode that long is cut, and its last step bootstraps; None: never. record: as in n_step_td.
-    Returns a Run with Q (-inf where a is not in A(s)), V = max Q, the greedy policy, and history
+    Returns a Run: Q (-inf where a is not in A(s)), V = max Q, the epsilon-greedy policy of the last Q, and history
     (n_episodes // record + 1, S, A). Source: Sutton and Barto (1998), section 7.5; Rummery and Niranjan (1994).
     """
     settings = _control(world, gamma, lam, n_episodes, alpha, epsilon, trace, Q0, max_steps, record, rng)
-    return _run(run_loop(_sarsa_lambda, world, *settings, rng=rng))
+    return Run(**_action_value_run(run_loop(_sarsa_lambda, world, *settings, rng=rng), epsilon, record))
 
 
 @compiled
 def _sarsa_lambda(world, gamma, lam, n_episodes, alpha, epsilon, keep, Q, max_steps, record, rng):
-    history, returns, lengths = _books(Q, n_episodes, record)
+    history, returns, lengths = books(Q, n_episodes, record)
     A, table = Q.shape[1], Q.reshape(-1)  # the pair (s, a) at s A + a
-    E, live, n = np.zeros_like(table), np.zeros(table.size, np.int64), 0  # pairs whose trace is not 0: live[:n]
+    E, live, n = np.zeros_like(table), np.zeros(table.size + 1, np.int64), 0  # pairs whose trace is not 0: live[:n]
     for i in range(n_episodes):
         s = reset(world, rng)
         a = epsilon_greedy(Q, s, epsilon, rng)
@@ -322,18 +255,7 @@ class WatkinsRun(Run):
 
 
 def watkins_q_lambda(
-    world,
-    gamma,
-    lam,
-    n_episodes,
-    *,
-    alpha,
-    epsilon,
-    trace="accumulating",
-    Q0=0.0,
-    max_steps=None,
-    record=1,
-    rng,
+    world, gamma, lam, n_episodes, *, alpha, epsilon, trace="accumulating", Q0=0.0, max_steps=None, record=1, rng
 ):
     """Q-learning with a trace for each pair, all cut at an exploratory action. alg-watkins, fig-29, eq-u-watkins-trace
 
@@ -342,14 +264,14 @@ def watkins_q_lambda(
     """
     settings = _control(world, gamma, lam, n_episodes, alpha, epsilon, trace, Q0, max_steps, record, rng)
     *found, cuts = run_loop(_watkins_q_lambda, world, *settings, rng=rng)
-    return WatkinsRun(**vars(_run(found)), cuts=cuts)
+    return WatkinsRun(**_action_value_run(found, epsilon, record), cuts=cuts)
 
 
 @compiled
 def _watkins_q_lambda(world, gamma, lam, n_episodes, alpha, epsilon, keep, Q, max_steps, record, rng):
-    history, returns, lengths = _books(Q, n_episodes, record)
+    history, returns, lengths = books(Q, n_episodes, record)
     A, table = Q.shape[1], Q.reshape(-1)
-    E, live, n = np.zeros_like(table), np.zeros(table.size, np.int64), 0
+    E, live, n = np.zeros_like(table), np.zeros(table.size + 1, np.int64), 0
     cuts, n_cuts = np.zeros(128, np.int64), 0
     for i in range(n_episodes):
         s = reset(world, rng)
@@ -359,15 +281,15 @@ def _watkins_q_lambda(world, gamma, lam, n_episodes, alpha, epsilon, keep, Q, ma
         while not done:
             s_next, r, terminated, truncated = act(world, s, a, rng)
             a_next = epsilon_greedy(Q, s_next, epsilon, rng)
-            greedy = Q[s_next, a_next] == max_value(Q, s_next)
-            delta = r + gamma * max_value(Q, s_next) * (not terminated) - Q[s, a]  # eq-41
+            Q_next, best = Q[s_next, a_next], max_value(Q, s_next)
+            delta = r + gamma * best * (not terminated) - Q[s, a]  # eq-41
             n = visit(E, live, n, s * A + a, keep)  # eq-u-watkins-trace
-            n = credit(table, E, live, n, alpha * delta, gamma * lam if greedy else 0.0)  # eq-40
+            n = credit(table, E, live, n, alpha * delta, gamma * lam if Q_next == best else 0.0)  # eq-40
             returns[i] += r
             t += 1
             since_cut += 1
             s, a, done = s_next, a_next, terminated or truncated or t >= max_steps
-            if not greedy:
+            if Q_next != best:
                 if n_cuts == cuts.size:
                     cuts = np.concatenate((cuts, cuts))
                 cuts[n_cuts] = since_cut
@@ -378,65 +300,23 @@ def _watkins_q_lambda(world, gamma, lam, n_episodes, alpha, epsilon, keep, Q, ma
     return returns, lengths, Q, history, cuts[:n_cuts].copy()
 
 
-# ---------------------------------------------------------------------- what all of them share
-
-
-@compiled
-def _books(table, n_episodes, record):
-    """history with the first estimates, returns and lengths of episodes still to come."""
-    n_kept = 1 + (n_episodes // record if record else 0)
-    history = np.zeros((n_kept, *table.shape))
-    history[0] = table
-    return history, np.zeros(n_episodes), np.zeros(n_episodes, np.int64)
-
-
-def _run(found, V=None):
-    """A Run from what a loop returns; V: the policy whose values were learned, None where Q was."""
-    returns, lengths, table, history = found
-    history = history if len(history) > 1 else None
-    if V is not None:
-        return Run(returns, lengths, V=table, policy=V, history=history)
-    return Run(returns, lengths, table.max(axis=1), table, soft_greedy(table, 0.0), history)
-
-
-def _prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng):
-    """pi, gamma, n_episodes, V, max_steps, record, checked."""
-    legal, terminal = spaces(world)
-    pi, gamma, n_episodes = _check_policy(legal, pi), check_gamma(gamma), check_count("n_episodes", n_episodes)
-    V = np.where(terminal, 0.0, _check_table("V0", V0, terminal.shape))
-    check_rng(rng)
-    return pi, gamma, n_episodes, V, check_max_steps(world, max_steps, pi), check_count("record", record, least=0)
-
-
 def _control(world, gamma, lam, n_episodes, alpha, epsilon, trace, Q0, max_steps, record, rng):
-    """gamma, lam, n_episodes, alpha, epsilon, keep, Q, max_steps, record, checked."""
-    legal, terminal = spaces(world)
-    gamma, lam, n_episodes = check_gamma(gamma), check_probability("lam", lam), check_count("n_episodes", n_episodes)
-    alpha, epsilon = check_rate(alpha), check_probability("epsilon", epsilon)
-    Q = np.where(legal, _check_table("Q0", Q0, legal.shape, legal), -np.inf)
-    Q[terminal] = 0.0
-    check_rng(rng)
-    last = (check_max_steps(world, max_steps), check_count("record", record, least=0))
-    return gamma, lam, n_episodes, alpha, epsilon, kept(trace, alpha), Q, *last
+    """gamma, lam, n_episodes, alpha, epsilon, keep, Q, max_steps, record as loops take them."""
+    (legal, terminal), gamma, lam = spaces(world), check_gamma(gamma), check_probability("lam", lam)
+    n_episodes, record, _ = check_count("n_episodes", n_episodes), check_count("record", record, 0), check_rng(rng)
+    alpha, epsilon, Q = check_rate(alpha), check_probability("epsilon", epsilon), check_q0(legal, terminal, Q0)
+    max_steps = check_max_steps(world, max_steps, legal / legal.sum(axis=1, keepdims=True))
+    return gamma, lam, n_episodes, alpha, epsilon, kept(trace, alpha), Q, max_steps, record
 
 
-def _check_policy(legal, pi):
-    """pi as floats; ValueError unless it is (S, A) with rows that are distributions over A(s)."""
-    pi = as_floats("pi", pi)
-    if pi.shape != legal.shape:
-        raise ValueError(f"pi: got shape {pi.shape}, must be {legal.shape}")
-    bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= 1e-9) & ~(pi[:, :] * ~legal).any(axis=1))
-    if bad.any():
-        s = np.flatnonzero(bad)[0]
-        raise ValueError(f"pi: row {s} is {pi[s]}, must be probabilities of the actions of that state that sum to 1")
-    return pi
-
-
-def _check_table(name, first, shape, used=True):
-    """first estimates as an array of that shape; ValueError unless they are finite where they are used."""
-    table = as_floats(name, first)
-    if table.shape not in ((), shape):
-        raise ValueError(f"{name}: got shape {table.shape}, must be a number or {shape}")
-    if not np.isfinite(table[used] if table.shape else table).all():
-        raise ValueError(f"{name}: contains a number that is not finite, must be finite")
-    return np.broadcast_to(table, shape)
+def _action_value_run(found, epsilon, record):
+    """The fields of the Run of a loop that learned Q."""
+    returns, lengths, Q, history = found
+    return dict(
+        returns=returns,
+        lengths=lengths,
+        V=Q.max(axis=1),
+        Q=Q,
+        policy=soft_greedy(Q, epsilon),
+        history=history if record else None,
+    )
