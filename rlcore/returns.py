@@ -263,15 +263,16 @@ def _episode(rewards, values):
 
 
 def visited_values(states, rewards, V):
-    """states, rewards, the values of the states, and V; ValueError unless they fit each other."""
+    """states, rewards, values (T + 1,) of the states, and V; ValueError unless they fit each other."""
     states, V = as_integers("states", states), as_floats("V", V)
     if V.ndim != 1:
         raise ValueError(f"V: got shape {V.shape}, must be (S,)")
     if states.ndim != 1 or ((states < 0) | (states >= V.size)).any():
         raise ValueError(f"states: got {states}, must be (T,) or (T + 1,) states in 0..{V.size - 1}")
-    if states.size not in (np.size(rewards), np.size(rewards) + 1):
+    rewards, _ = _episode(rewards, np.zeros(np.size(rewards)))
+    if states.size not in (rewards.size, rewards.size + 1):
         raise ValueError(f"states: got {states.size}, must be as many as rewards, or one more")
-    return states, as_floats("rewards", rewards), V[states], V
+    return states, *_episode(rewards, V[states]), V
 
 
 def _check_weights(name, weights):

@@ -77,7 +77,7 @@ def backward_increments(states, rewards, V, gamma, lam, alpha, trace="accumulati
     """
     states, rewards, values, V = visited_values(states, rewards, V)
     gamma_lam = check_gamma(gamma) * check_probability("lam", lam)
-    values = np.append(values, 0.0) if values.size == rewards.size else values
+    kept(trace, alpha)
     delta = rewards + gamma * values[1:] - values[:-1]  # eq-36
     E, e = np.zeros((rewards.size, V.size)), np.zeros(V.size)
     for t, s in enumerate(states[: rewards.size]):
