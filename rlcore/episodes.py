@@ -77,31 +77,29 @@ Batch = namedtuple("Batch", "s r s_next episode rewards terminal")
 
 def _pool(episodes, n_states):
     """The steps of all episodes as a Batch; ValueError unless every episode ends, in a state that none goes on from."""
-    S, paths = check_count("n_states", n_states), []
+    S, pairs = check_count("n_states", n_states), []
     for i, episode in enumerate(episodes):
-        if isinstance(episode, Trajectory):
-            if not episode.terminated:
-                raise ValueError(f"episodes: number {i} was cut before its end, must run to a terminal state")
-            episode = episode.states, episode.rewards
-        states, rewards = as_integers("episodes", episode[0]), as_floats("episodes", episode[1])
+        if getattr(episode, "terminated", True) is False:
+            raise ValueError(f"episodes: number {i} was cut before its end, must run to a terminal state")
+        states, rewards = (episode.states, episode.rewards) if isinstance(episode, Trajectory) else episode
+        states, rewards = as_integers("episodes", states), as_floats("episodes", rewards)
         if rewards.ndim != 1 or rewards.size == 0 or states.shape != (rewards.size + 1,):
-            raise ValueError(
-                f"episodes: number {i} has {states.shape} states and {rewards.shape} rewards, must be T + 1, T"
-            )
-        if states.min() < 0 or states.max() >= S or not np.isfinite(rewards).all():
-            raise ValueError(
-                f"episodes: number {i} is {states}, {rewards}, must be states in 0..{S - 1}, finite rewards"
-            )
-        paths.append((states, rewards))
-    if not paths:
+            sizes = f"{states.shape} states and {rewards.shape} rewards"
+            raise ValueError(f"episodes: number {i} has {sizes}, must be T + 1 and T, with T at least 1")
+        pairs.append((states, rewards))
+    if not pairs:
         raise ValueError(f"episodes: got {episodes!r}, must be at least one")
-    s, s_next, r = (np.concatenate(x) for x in zip(*((p[:-1], p[1:], rewards) for p, rewards in paths)))
-    terminal = np.isin(np.arange(S), [states[-1] for states, _ in paths])
+    s, s_next, r = (np.concatenate(x) for x in zip(*((states[:-1], states[1:], r) for states, r in pairs)))
+    for x in (s, s_next):
+        if x.min() < 0 or x.max() >= S:
+            raise ValueError(f"episodes: got states {x.min()}..{x.max()}, must be in 0..{S - 1}")
+    if not np.isfinite(r).all():
+        raise ValueError("episodes: contain a reward that is not finite, must be finite")
+    terminal = np.zeros(S, bool)
+    terminal[[states[-1] for states, _ in pairs]] = True
     if terminal[s].any():
-        raise ValueError(
-            f"episodes: one ends in state {s[terminal[s]][0]}, from which another goes on; ends are terminal"
-        )
-    rewards = [rewards for _, rewards in paths]
+        raise ValueError(f"episodes: one ends in state {s[terminal[s]][0]}, another goes on from it; ends are terminal")
+    rewards = [rewards for _, rewards in pairs]
     return Batch(s, r, s_next, np.repeat(np.arange(len(rewards)), [len(x) for x in rewards]), rewards, terminal)
 
 

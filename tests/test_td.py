@@ -649,7 +649,9 @@ def test_errors_on_the_random_walk():
     mdp, truth, wrong, errors = random_walk(5), np.arange(1, 6) / 6, [], {}
     for id, (method, alpha, *episode) in settings("walk5.rms") + settings("walk5.rms_mean100"):
         if (method, alpha) not in errors:
-            learn = partial({"td": td0, "mc": constant_alpha_mc}[method], alpha=float(alpha.split("=")[1]), V0=0.5)
+            learn = partial(
+                {"td": td0, "mc": constant_alpha_mc}[method], alpha=float(alpha.split("=")[1]), V0=0.5, max_steps=10**6
+            )
             V = np.array([learn(mdp, uniform_policy(mdp), 1.0, 100, rng=g).history for g in rng(8).spawn(300)])
             errors[method, alpha] = np.sqrt(((V[:, :, 1:6] - truth) ** 2).mean(axis=2))
             np.testing.assert_allclose(errors[method, alpha][:, 0], 0.2357, atol=1e-4)
@@ -684,7 +686,9 @@ def test_returns_on_the_cliff():
             alpha = float(what.split("=")[1]) if "alpha" in what else 0.5
             key = method, alpha, n_episodes
             if key not in found:
-                learn = partial({f.__name__: f for f in CONTROL}[method], alpha=alpha, epsilon=0.1, record=0)
+                learn = partial(
+                    {f.__name__: f for f in CONTROL}[method], alpha=alpha, epsilon=0.1, max_steps=10**6, record=0
+                )
                 found[key] = np.array([learn(mdp, 1.0, n_episodes, rng=g).returns for g in rng(9).spawn(n_runs)])
             first, last = (n_episodes // 2 + 1, n_episodes) if prefix == "cliff.asymptotic" else (1, 100)
             if prefix == "cliff.return":
@@ -784,6 +788,32 @@ def test_every_function_bootstraps_where_it_is_cut_and_not_at_an_end(through):
             world, limit = (mdp, 1) if through == "max_steps" else (TimeLimit(mdp.to_env(), 1), None)
             run = learn(world, gamma=0.5, n_episodes=1, alpha=1.0, max_steps=limit, rng=rng())
             assert (run.V if run.Q is None else run.Q[:, 0])[0] == value and run.lengths[0] == 1
+
+
+class Ending(gym.Env):
+    """One step with reward 1 into state 1: its end, or a cut there. Which states are terminal it does not tell."""
+
+    observation_space, action_space = gym.spaces.Discrete(2), gym.spaces.Discrete(1)
+
+    def __init__(self, terminated):
+        self.terminated = terminated
+
+    def reset(self, *, seed=None, options=None):
+        return 0, {}
+
+    def step(self, a):
+        return 1, 1.0, self.terminated, not self.terminated, {}
+
+
+@pytest.mark.parametrize("terminated, value", [(True, 1.0), (False, 6.0)])
+def test_an_end_counts_nothing_whatever_its_state_is_worth(terminated, value):
+    pi = np.ones((2, 1))
+    calls = [partial(f, pi=pi, V0=10.0) for f in (constant_alpha_mc, td0)] + [partial(sarsa, pi=pi, Q0=10.0)]
+    calls += [partial(f, epsilon=epsilon, Q0=10.0) for f in CONTROL for epsilon in (0.0, 0.5)]
+    for learn in calls:
+        run = learn(Ending(terminated), gamma=0.5, n_episodes=2, alpha=1.0, rng=rng())
+        assert (run.V if run.Q is None else run.Q[:, 0]).tolist() == [value, 10.0]
+        assert run.returns.tolist() == [1.0, 1.0] and run.lengths.tolist() == [1, 1]
 
 
 def test_mc_counts_what_it_has_seen_of_a_truncated_episode():
