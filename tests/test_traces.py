@@ -527,7 +527,7 @@ def box(mdp, gamma, lam, n_episodes, alpha, epsilon, trace, Q, max_steps, cut, g
 
 
 @pytest.mark.parametrize("trace", TRACES)
-@pytest.mark.parametrize("max_steps", [10_000, 7])
+@pytest.mark.parametrize("max_steps", [300, 7])
 @pytest.mark.parametrize("learn", [sarsa_lambda, watkins_q_lambda])
 def test_control_is_its_box(trace, max_steps, learn):
     for mdp in (awkward(start=0), dyna_maze()):
