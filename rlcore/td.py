@@ -165,8 +165,9 @@ def sarsa(world, gamma, n_episodes, *, alpha, epsilon=None, pi=None, Q0=0.0, max
     action, else a greedy one; or decaying(...). pi: (S, A) instead of epsilon: actions come from it, and Q estimates
     q_pi. Q0: a number or (S, A). max_steps: an episode that long is cut; as in every truncated episode, its last step
     bootstraps. record: history keeps Q before the first and after each record-th episode; 0 keeps none.
-    Returns a Run: Q (S, A), -inf where a is not in A(s), 0 in terminal states; policy (S, A), epsilon-greedy in the
-    last Q, or pi; V (S,), the maximum of Q over a, under pi the mean. Source: Sutton and Barto (2018), section 6.4.
+    Returns a Run: Q (S, A), -inf where a is not in A(s), 0 in terminal states (Q0 where an environment does not tell
+    them); policy (S, A), epsilon-greedy in the last Q, or pi; V (S,), the maximum of Q over a, under pi the mean.
+    Source: Sutton and Barto (2018), section 6.4.
     """
     if (epsilon is None) == (pi is None):
         raise ValueError(f"epsilon: got {epsilon!r} with pi = {pi!r}, one of the two must be given")
