@@ -37,6 +37,9 @@ TESTS = {  # in the order in which they are most likely to notice
     "planning": "test_planning test_bad_input",
     "_solve": "test_solve test_properties test_bad_input",
 }
+TOO_SLOW = {  # interpreted, these take a minute each: left out, which can only make a mutant survive
+    "planning": "real_steps or steps_per_episode or converges_to_the_optimum_where or behaviour_at_random or bonus_finds or root_n",
+}
 SWAPS = {
     ast.Add: [ast.Sub], ast.Sub: [ast.Add], ast.Mult: [ast.Div], ast.Div: [ast.Mult], ast.FloorDiv: [ast.Mult],
     ast.Mod: [ast.FloorDiv], ast.Pow: [ast.Mult], ast.BitAnd: [ast.BitOr], ast.BitOr: [ast.BitAnd],
@@ -225,8 +228,8 @@ def preload():
     assert "rlcore" not in sys.modules
 
 
-def run_tests(folder, tests, limit):
-    """Exit status of the tests in a forked child; 'slow' where the time is up."""
+def run_tests(folder, tests, limit, leave_out=None):
+    """Exit status of the tests in a forked child; 'slow' where the time is up. leave_out: names as pytest's -k."""
     child = os.fork()
     if child == 0:
         os.setsid()
@@ -244,7 +247,8 @@ def run_tests(folder, tests, limit):
             names = [name.partition("::") for name in tests.split()]
             files = [f"tests/{file}.py{colons}{test}" for file, colons, test in names]
             files = [name for name in files if (folder / name.split("::")[0]).exists()]
-            status = int(pytest.main(["-x", "-q", "--assert=plain", "--no-header", *files]))
+            choice = ["-k", f"not ({leave_out})"] if leave_out else []
+            status = int(pytest.main(["-x", "-q", "--assert=plain", "--no-header", *choice, *files]))
         finally:
             os._exit(status)
     end = time.monotonic() + limit
@@ -269,7 +273,7 @@ def work(worker, workers, modules):
     """One of the processes: every workers-th mutant that has no result yet."""
     folder, done, excused = scratch(worker), results(), allowed()
     preload()
-    with open(SCRATCH / f"results{worker}.jsonl", "a") as out:
+    with open(SCRATCH / "results.jsonl", "a") as out:  # both append whole lines
         for module in modules:
             path, tests, mark = folder / "rlcore" / f"{module}.py", TESTS[module], fingerprint(folder, module)
             original = path.read_text()
@@ -281,7 +285,7 @@ def work(worker, workers, modules):
                     continue
                 path.write_text(source)
                 start = time.monotonic()
-                status = run_tests(folder, tests, TIME_LIMIT)
+                status = run_tests(folder, tests, TIME_LIMIT, TOO_SLOW.get(module))
                 row = dict(name=name, line=number, killed=status != 0, status=status, digest=digest, mark=mark)
                 out.write(json.dumps(row | {"seconds": round(time.monotonic() - start, 1)}) + "\n")
                 out.flush()
@@ -307,7 +311,8 @@ def sample():
 
 def results():
     """{name: last result}"""
-    rows = [json.loads(line) for path in sorted(SCRATCH.glob("results*.jsonl")) for line in path.open()]
+    path = SCRATCH / "results.jsonl"
+    rows = map(json.loads, path.read_text().splitlines() if path.exists() else [])
     return {row["name"]: row for row in rows}
 
 
@@ -323,7 +328,7 @@ def healthy(modules):
     folder = scratch("-check")
     for module in modules:
         start = time.monotonic()
-        if run_tests(folder, TESTS[module], 5 * TIME_LIMIT) != 0:
+        if run_tests(folder, TESTS[module], 5 * TIME_LIMIT, TOO_SLOW.get(module)) != 0:
             sys.exit((folder / "log.txt").read_text()[-3000:] + f"\nThe tests of {module} fail without any change.")
         print(f"{module}: unchanged, {time.monotonic() - start:.0f} s", flush=True)
 

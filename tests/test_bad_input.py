@@ -129,6 +129,7 @@ CASES = {
     "P of zeros": (from_arrays([[[0.0]]], [[0.0]]), "legal: no action at (s=0)", "at least one"),
     "P with nan": (from_arrays([[[nan, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains nan", "probabilities"),
     "P negative": (from_arrays([[[0.0, -1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains -1", "probabilities"),
+    "P with inf": (from_arrays([[[np.inf, 1.0]], [[0, 1]]], [[0.0], [0.0]]), "P: contains inf", "probabilities"),
     "P that sums to a half": (from_arrays([[[0.5]]], [[0.0]]), "prob: sums to 0.5 at (s=0, a=0)", "must be 1"),
     "R that is nan": (from_arrays([[[1.0]]], [[nan]]), "reward: not finite at (s=0, a=0, k=0)", "finite"),
     "terminal of a wrong shape": (

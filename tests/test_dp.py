@@ -338,8 +338,8 @@ def test_bound_at_gamma_1_includes_rounding():
     """At the solution itself it is the rounding of one backup, twice (of V and of the greedy policy's), for 5 steps."""
     m, exact = chain([-3.0] * 5), -3.0 * np.arange(5, -1, -1)
     one = 5 * np.finfo(float).eps * (3 + 15)  # one outcome and 4 more operations, on numbers up to |r| + |V|
-    assert error_bound(m, exact, 1.0) == pytest.approx(2 * 5 * one, rel=1e-3)
-    assert policy_error_bound(m, np.ones((6, 1)), exact, 1.0) == pytest.approx(5 * one, rel=1e-3)
+    assert error_bound(m, exact, 1.0) == pytest.approx(2 * 5 * one, rel=1e-3, abs=0)
+    assert policy_error_bound(m, np.ones((6, 1)), exact, 1.0) == pytest.approx(5 * one, rel=1e-3, abs=0)
     assert error_bound(m, exact, 0.5) > policy_error_bound(m, np.ones((6, 1)), exact, 0.5) - 1e-14 > 2.0
 
 

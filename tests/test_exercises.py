@@ -151,6 +151,7 @@ def test_a_chapter_has_eight_exercises_of_all_kinds_and_questions(name):
     assert 3 <= len(CHAPTERS[name].QUESTIONS) <= 5
     for question in CHAPTERS[name].QUESTIONS:
         assert all(text and why for text, _, why in question.choices)
+        assert not any("$" in text for text, _, _ in question.choices)  # a summary shows no mathematics
 
 
 # ---------------------------------------------------------------------- what can go wrong besides

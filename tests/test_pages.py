@@ -137,7 +137,7 @@ def test_every_claim_is_told_in_words(visit):
 
 CUT_OFF = """() => [...document.querySelectorAll("article *")].filter(e => {
     const box = e.getBoundingClientRect();
-    if (!box.width || box.right <= innerWidth + 1) return false;
+    if (!box.width || box.right <= innerWidth + 1 || e.closest("mjx-assistive-mml")) return false;
     for (let p = e.parentElement; p.tagName != "ARTICLE"; p = p.parentElement)
         if (["auto", "scroll"].includes(getComputedStyle(p).overflowX)) return false;
     return true;

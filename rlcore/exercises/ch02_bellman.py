@@ -624,7 +624,7 @@ QUESTIONS = (
         "You know $v_*$ but not the dynamics. Can you act optimally?",
         (
             (
-                "Yes, $v_*$ says everything",
+                "Yes, the optimal values say everything",
                 False,
                 "To compare actions you must know where they lead, which is the model.",
             ),

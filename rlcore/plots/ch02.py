@@ -8,7 +8,7 @@ from matplotlib.patches import Arc
 
 from rlcore.bellman import q_from_v, solve_policy
 from rlcore.dp import value_iteration
-from rlcore.plots.style import PALETTE, band, circle, new_diagram, new_figure
+from rlcore.plots.style import PALETTE, band, circle, new_diagram, new_figure, text_colour
 
 # kind: "s" open circle, "a" solid circle; edge: words on the branch above; strong: whether that branch is a maximum
 Node = namedtuple("Node", "kind text name edge strong children", defaults=("", "", False, ()))
@@ -129,6 +129,38 @@ def golf(panels, shape, *, hole, tee, sand=()):
         ax.grid(False)
         bar = fig.colorbar(image, ax=ax, ticks=np.arange(-6, 1), fraction=0.05, pad=0.02)
         bar.set_label("strokes left (negative)", fontsize=11)
+    return fig
+
+
+def best_clubs(putter, driver, shape, *, hole, tee, sand=()):
+    """The best club of every cell; putter, driver: (S,), values of playing that club first. fig-5, ex-golf-driver"""
+    fig, ax = new_figure(width=6.4, height=3.2)
+    gap = np.asarray(putter) - driver
+    club = np.where(np.abs(gap) < 1e-6, 1, np.where(gap > 0, 2, 0)).reshape(shape)
+    colours = ListedColormap([PALETTE["blue"], "#c9d3dc", "#f2c14e"])
+    ax.imshow(club, cmap=colours, vmin=-0.5, vmax=2.5, interpolation="nearest")
+    for r, c in sand:
+        ax.text(c, r, "s", ha="center", va="center", fontsize=11, color=text_colour(colours(int(club[r, c]))))
+    for name, (row, col) in (("hole", hole), ("tee", tee)):
+        ax.plot(col, row, "o", color="white", ms=9, mec="black", mew=1.8)
+        ground = {"fc": "white", "ec": "none", "pad": 0.6}
+        ax.annotate(name, (col, row + 1.4), ha="center", va="center", fontsize=12, bbox=ground)
+    for colour, name in zip(colours.colors, ("driver", "either", "putter")):
+        ax.plot([], [], "s", color=colour, ms=11, label=name)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=3, frameon=False)
+    ax.set(title=f"best play is worth {max(putter[i := tee[0] * shape[1] + tee[1]], driver[i]):.2f} from the tee")
+    ax.set(xticks=[], yticks=[])
+    ax.grid(False)
+    return fig
+
+
+def visits_and_errors(runs):
+    """Error of each action value against how often it was updated; runs: {label: (visits (n,), errors (n,))}. cl-022"""
+    fig, ax = new_figure()
+    for (label, (visits, errors)), mark in zip(runs.items(), "os^"):
+        ax.plot(visits, errors, mark, ms=5, alpha=0.6, label=label)
+    ax.set(xlabel="updates of the pair", ylabel="$|Q - q_*|$", xscale="symlog")
+    ax.legend()
     return fig
 
 
