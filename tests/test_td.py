@@ -614,7 +614,7 @@ def test_sarsa_takes_the_actions_of_the_policy_given():
 
 @many_runs
 def test_q_learning_of_the_robot():
-    """Q-learning finds q*, SARSA the values of the epsilon-soft optimum, 0.35 away. cl-055
+    """Q-learning finds q*, SARSA the values of the epsilon-soft optimum, 0.40 away. cl-055
 
     alpha = N^-0.7, epsilon 0.1, 2e6 steps. Worst error over 20 seeds 0.12 for Q-learning, over 10 seeds 0.12 for SARSA,
     which over 20 seeds is 0.39 to 0.51 away from q*.
@@ -665,9 +665,9 @@ def test_errors_on_the_random_walk():
 
 
 def test_errors_of_batches_on_the_random_walk():
-    """Figure 6.2: the mean return against certainty equivalence, 100 runs of 100 episodes."""
+    """Figure 6.2: the mean return against certainty equivalence, 60 runs of 100 episodes."""
     truth, wrong, errors = np.arange(1, 6) / 6, [], {}
-    for seed in range(100):
+    for seed in range(60):
         episodes = walks(100, seed)
         for method, estimate in (("td", certainty_equivalence), ("mc", batch_mc)):
             for unvisited in (0.5, -1.0):
