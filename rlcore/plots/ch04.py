@@ -149,3 +149,23 @@ def value_paths(runs, ends, *, names=("V(A)", "V(B)")):
     ax.set(xlabel=names[0], ylabel=names[1], xlim=(-0.05, 1.05), ylim=(0.4, 1.05))
     ax.legend(loc="lower left")
     return fig
+
+
+def cliff_step(update, names, title, *, target):
+    """One update of a control method on the cliff: where it is, what it does, which entry changes. fig-20, fig-21
+
+    update: rlcore.measure.Update. names: of the actions. target: what the rule bootstraps from, in words.
+    """
+    fig, ax = new_figure(width=7.2, height=3.1)
+    ground = np.zeros((4, 12))
+    ground[3, 1:11] = 1.0
+    heatmap(ax, ground, fmt=None, cmap="Greys", vmin=0, vmax=1.6)
+    row, col = divmod(update.s, 12)
+    circle(ax, (col, row), "S", radius=0.3, face=BLUE, fontsize=12)
+    if update.s_next >= 0:
+        row_next, col_next = divmod(update.s_next, 12)
+        circle(ax, (col_next, row_next), "S'", radius=0.3, edge=RED, fontsize=12)
+    text = f"A = {names[update.a]}:  Q(S, A) goes from {update.old:.2f} to {update.new:.2f}, towards R + {target}"
+    ax.text(5.5, 4.05, text, ha="center", va="center", fontsize=12)
+    ax.set(title=title, ylim=(4.5, -0.5))
+    return fig
