@@ -69,7 +69,7 @@ Exercise(
         | home | 43 | 0 |
 
         $\gamma = 1$ and $\alpha = 0.5$; the reward of a leg is its minutes. By how much does the prediction of each of the first five
-        events change, under Monte Carlo ({eq}`eq-18`) and under TD(0) ({eq}`eq-19`, with its parenthesis in the right place)? Bind the pair
+        events change, under Monte Carlo ({eq}`eq-18`) and under TD(0) ({eq}`eq-19`)? Bind the pair
         `(mc, td)` of two arrays of five numbers to `changes`.
     """,
     stub="changes = ...",
@@ -163,8 +163,8 @@ Exercise(
     kind="fill in",
     title="One step of TD(0)",
     statement=r"""
-        Write the update of TD(0) after one transition ({eq}`eq-19`; in the printed form a parenthesis is misplaced: the discount
-        belongs to $V(S_{t+1})$ alone). If the transition `terminated` the episode, nothing follows: whatever the table holds
+        Write the update of TD(0) after one transition ({eq}`eq-19`; where the document prints it, a parenthesis is misplaced: the
+        discount belongs to $V(S_{t+1})$ alone). If the transition `terminated` the episode, nothing follows: whatever the table holds
         for `s_next`, it does not count. Return a new table `(S,)`.
     """,
     stub="""
@@ -1218,15 +1218,15 @@ QUESTIONS = (
         ),
     ),
     Question(
-        "SARSA is run with epsilon fixed at 0.1 and falling step sizes. What do its values converge to?",
+        "On the recycling robot SARSA runs with epsilon fixed at 0.1 and falling step sizes. What do its values approach?",
         (
             (
-                "To those of the best policy that keeps exploring as much",
+                "Those of the best policy that keeps exploring as much",
                 True,
                 "The policy never becomes greedy, and the values are those of the policy that acts.",
             ),
-            ("To the optimal values", False, "For that epsilon must fall to 0, too."),
-            ("They do not converge", False, "Falling step sizes let them settle; only not at the optimal values."),
+            ("The optimal values", False, "For that epsilon must fall to 0, too."),
+            ("Nothing: they keep moving", False, "Falling step sizes let them settle; only not at the optimal values."),
         ),
     ),
 )

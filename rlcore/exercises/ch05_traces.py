@@ -135,7 +135,7 @@ Exercise(
     kind="fill in",
     title="n steps, or to the end",
     statement=r"""
-        Write the $n$-step return of time `t` ({eq}`eq-25`; its horizon is $h = t + n$, not $t + 1$ as printed). The episode
+        Write the $n$-step return of time `t` ({eq}`eq-25`; its horizon is $h = t + n$, where the document prints $t + 1$). The episode
         terminated: `rewards` holds $R_1, \dots, R_T$, `values` holds $V(S_0), \dots, V(S_{T-1})$. Where the horizon reaches or
         passes the end, $n \ge T - t$, the result is the complete return. Return a number.
     """,
@@ -231,7 +231,7 @@ Exercise(
     title="What the return is a function of",
     statement=r"""
         The increment of $V(S_t)$ from an $n$-step return that ends inside the episode: `rewards` $R_{t+1}, \dots, R_{t+n}$,
-        `V_t` $= V(S_t)$, `V_h` $= V(S_{t+n})$. It was written from {eq}`eq-26` as printed and passed all tests, which had
+        `V_t` $= V(S_t)$, `V_h` $= V(S_{t+n})$. It was written from {eq}`eq-26` as the document prints it, with a parenthesis misplaced, and passed all tests, which had
         $\gamma = 1$. Mend it.
     """,
     stub="""
@@ -1075,7 +1075,7 @@ Exercise(
     kind="experiment",
     title="A bound that the right answer breaks",
     statement=r"""
-        {eq}`eq-30`, as printed, bootstraps from $v(S_{t+1})$ whatever $n$ is. Test it on `random_walk(5)` with `uniform_policy`, $\gamma = 0.9$, $n = 2$ and
+        {eq}`eq-30`, as the document prints it, bootstraps from $v(S_{t+1})$ whatever $n$ is. Test it on `random_walk(5)` with `uniform_policy`, $\gamma = 0.9$, $n = 2$ and
         $v = v_\pi$, so that the right-hand side is 0. With `P, r = policy_matrix(mdp, pi)` the expected two-step return is
         $r + \gamma P r + \gamma^2$ times the expected value at the state that it bootstraps from. Bind `verdict_contraction` to `(word, printed, right)`: `"confirmed"`
         if the printed inequality holds within `1e-9`, else `"refuted"`, and the left-hand sides with $S_{t+1}$ and with $S_{t+2}$.
