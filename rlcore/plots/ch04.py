@@ -131,7 +131,7 @@ def reward_curves(returns, *, window=10, ylim=(-100, 0), title=""):
     fig, ax = new_figure(height=4.2)
     for (label, values), colour, line in zip(returns.items(), (BLUE, RED, GREEN), ("-", "--", "-.")):
         smooth = np.apply_along_axis(np.convolve, 1, np.asarray(values, float), np.ones(window) / window, "valid")
-        x = np.arange(smooth.shape[1]) + window
+        x, smooth = (np.arange(smooth.shape[1]) + window)[:: window // 2], smooth[:, :: window // 2]
         band(ax, x, smooth.mean(axis=0), smooth.std(axis=0) / np.sqrt(len(smooth)), label, color=colour, ls=line)
     ax.set(xlabel="episode", ylabel=f"sum of rewards, mean of {window} episodes", ylim=ylim, title=title)
     ax.legend(loc="lower right")
