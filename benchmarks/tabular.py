@@ -63,7 +63,7 @@ class Table:
         self.n_states = mdp.n_states
 
     def reset(self):
-        self.s = self.start
+        self.s, self.t = self.start, 0
         return self.s, {}
 
     def step(self, a):
@@ -72,7 +72,8 @@ class Table:
             u -= row[k][0]
             k += 1
         _, self.s, r = row[k]
-        return self.s, r, self.ends[self.s], False, {}
+        self.t += 1
+        return self.s, r, self.ends[self.s], self.t == MAX_STEPS, {}
 
 
 def make_world(name):
