@@ -107,7 +107,7 @@ def predictor_graph(p_b, p_one, values):
 def cliff_paths(paths, title=""):
     """The cliff world with greedy paths; paths: {label: list of states}, drawn with a small offset each. fig-22"""
     fig, ax = new_figure(width=7.2, height=3.0)
-    ground = np.zeros((4, 12))
+    ground = np.full((4, 12), 0.12)
     ground[3, 1:11] = 1.0
     heatmap(ax, ground, fmt=None, cmap="Greys", vmin=0, vmax=1.6)
     ax.text(5.5, 3, "the cliff", ha="center", va="center", fontsize=13)
@@ -145,8 +145,9 @@ def value_paths(runs, ends, *, names=("V(A)", "V(B)")):
         ax.plot(*path.T, color=colour, ls=line, label=label)
     for (label, (x, y)), mark in zip(ends.items(), "Xo"):
         ax.plot([x], [y], mark, color=PALETTE["black"], ms=10)
-        ax.annotate(label, (x, y), (6, -16), textcoords="offset points", fontsize=11)
-    ax.set(xlabel=names[0], ylabel=names[1], xlim=(-0.05, 1.05), ylim=(0.4, 1.05))
+        ground = {"fc": "white", "ec": "none", "pad": 1.0}
+        ax.annotate(label, (x, y), (0, -42), textcoords="offset points", fontsize=11, ha="left", bbox=ground)
+    ax.set(xlabel=names[0], ylabel=names[1], xlim=(-0.05, 1.25), ylim=(0.4, 1.05))
     ax.legend(loc="lower left")
     return fig
 
@@ -157,7 +158,7 @@ def cliff_step(update, names, title, *, target):
     update: rlcore.measure.Update. names: of the actions. target: what the rule bootstraps from, in words.
     """
     fig, ax = new_figure(width=7.2, height=3.1)
-    ground = np.zeros((4, 12))
+    ground = np.full((4, 12), 0.12)
     ground[3, 1:11] = 1.0
     heatmap(ax, ground, fmt=None, cmap="Greys", vmin=0, vmax=1.6)
     row, col = divmod(update.s, 12)

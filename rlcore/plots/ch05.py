@@ -65,7 +65,7 @@ def time_line(states, t, heights, title, *, forward):
         )
         ax.text(k, -0.2, "" if last else chr(ord("A") + s - 1), ha="center", va="center", fontsize=10)
     what = "effect on the target" if forward else "credit, share of the largest"
-    ax.set(xlabel="time", ylabel=what, title=title, xlim=(-0.7, T + 0.7), ylim=(-1.1, 1.1))
+    ax.set(xlabel="time", ylabel=what, title=title, xlim=(-0.7, T + 0.7), ylim=(-0.5 if forward else -1.1, 1.15))
     ax.axhline(0, color=GREY, ls="-", lw=0.8)
     return fig
 
