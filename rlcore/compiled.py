@@ -3,6 +3,7 @@
 import functools
 import importlib.util
 import os
+import sys
 from pathlib import Path
 
 HAVE_NUMBA = importlib.util.find_spec("numba") is not None and os.environ.get("RLCORE_NO_NUMBA") != "1"
@@ -28,6 +29,7 @@ def _link():
     import numba
 
     _forget_stale()
+    _announce()
     for lazy in _lazy:
         if lazy.dispatcher is None:
             lazy.dispatcher = numba.njit(cache=True)(lazy.__wrapped__)
@@ -36,6 +38,32 @@ def _link():
         for name, value in names.items():
             if isinstance(value, _Lazy):
                 names[name] = value.dispatcher
+
+
+@functools.cache
+def _announce():
+    """On a terminal, or with RLCORE_NOTES=1, say on stderr why a first call takes seconds; silent in notebooks."""
+    if not (sys.stderr.isatty() or os.environ.get("RLCORE_NOTES") == "1"):
+        return
+    from numba.core import event
+
+    class Note(event.Listener):  # hears of what is compiled, not of what is found on disk
+        depth = 0
+
+        def on_start(self, compilation):
+            if self.depth == 0:
+                name = compilation.data["dispatcher"].__name__
+                print(f"rlcore: compiling {name}, once (a few seconds)", file=sys.stderr, flush=True)
+            self.depth += 1
+
+        def on_end(self, compilation):
+            self.depth -= 1
+
+        def notify(self, compilation):
+            if any(lazy.dispatcher is compilation.data["dispatcher"] for lazy in _lazy):
+                super().notify(compilation)
+
+    event.register("numba:compile", Note())
 
 
 def _forget_stale():

@@ -72,7 +72,7 @@ def python(code, **env):
     """Output of a fresh interpreter."""
     env = {**os.environ, "PYTHONPATH": str(HERE), **env}
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], env=env, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stderr) == (0, "")  # nor any note: this is no terminal
     return done.stdout
 
 
@@ -122,6 +122,41 @@ def test_functions_of_several_modules_find_each_other(first, tmp_path):
     """A compiled function may call one of another module, or one defined below it, whichever is called first."""
     (tmp_path / "late.py").write_text(LATE)
     assert python(LINK.format(folder=str(tmp_path), first=first)) == "11 10 1 CPUDispatcher\n"
+
+
+NESTED = """
+from rlcore.compiled import compiled
+
+@compiled
+def outer(x):
+    return inner(x)
+
+@compiled
+def inner(x):
+    return x
+"""
+NOTE = """
+import sys, numba
+sys.path.insert(0, {folder!r})
+import nested
+nested.outer(1)
+nested.inner(1.0)
+if {first}:
+    numba.njit(lambda x: x)(1)
+"""
+
+
+@needs_numba
+def test_compiling_is_announced_once(tmp_path):
+    """A line for a function and what it calls, where RLCORE_NOTES=1 asks for it; none from the disk or for others."""
+    (tmp_path / "nested.py").write_text(NESTED)
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "RLCORE_NOTES": "1"}
+    notes = []
+    for first in (True, False):
+        command = [sys.executable, "-c", NOTE.format(folder=str(tmp_path), first=first)]
+        notes.append(subprocess.run(command, env=env, capture_output=True, text=True, check=True).stderr)
+    lines = [f"rlcore: compiling {name}, once (a few seconds)\n" for name in ("outer", "inner")]
+    assert notes == ["".join(lines), ""]
 
 
 def test_plain_python_where_numba_is_switched_off():

@@ -15,7 +15,7 @@ import yaml
 
 from rlcore.exercises import CHAPTERS, EXERCISES, KINDS, check, hint, solution
 from rlcore.exercises.engine import Verdict
-from rlcore.exercises.notebook import build, write
+from rlcore.exercises.notebook import _with_links, build, write
 from rlcore.exercises.sandbox import Crash, _in_thread, run_guarded
 
 ROOT = Path(__file__).parents[1]
@@ -223,6 +223,14 @@ def test_the_committed_notebook_is_the_generated_one(name):
     path = ROOT / "book" / "exercises" / f"{CHAPTERS[name].NOTEBOOK}.ipynb"
     assert json.loads(path.read_text(encoding="utf-8")) == build(CHAPTERS[name])
     nbformat.validate(nbformat.read(path, as_version=4))
+
+
+def test_a_reference_to_an_equation_leads_to_the_chapter_that_has_it():
+    rows = yaml.safe_load((ROOT / "book" / "concordance.yml").read_text(encoding="utf-8"))
+    pages = {row["id"]: row["page"].partition("#")[0] for row in rows if row.get("page")}
+    for number in range(1, 42):
+        page = re.fullmatch(r"\[equation \(\d+\)\]\(\.\./(\w+)\.ipynb\)", _with_links(f"{{eq}}`eq-{number}`"))[1]
+        assert page == pages[f"eq-{number}"], number
 
 
 def run(*arguments, cwd):

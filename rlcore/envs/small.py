@@ -4,7 +4,7 @@ from numbers import Real
 
 import numpy as np
 
-from rlcore.mdp import FiniteMDP, as_floats, check_count, check_rng
+from rlcore.mdp import FiniteMDP, as_floats, check_count, check_probability, check_rng
 
 __all__ = [
     "branching_mdp",
@@ -18,19 +18,19 @@ __all__ = [
 ]
 
 
-def random_walk(n, *, rewards=None, start=None):
-    """n states in a row, one action that steps left or right with probability 1/2, a terminal state at each end.
+def random_walk(n, *, rewards=None, start=None, right=0.5):
+    """n states in a row, one action that steps right with probability `right`, else left; a terminal state at each end.
 
     States 0 (left end), 1..n, n + 1 (right end); start in the middle. rewards: (on the left end, on the right end);
     the default is (0, 1) for n < 19 (true values i / (n + 1)) and (-1, 1) from n = 19 on.
     Source: Sutton and Barto (2018), example 6.2 (n = 5) and section 12.1 (n = 19).
     """
-    n = check_count("n", n)
+    n, p = check_count("n", n), check_probability("right", right)
     rewards = as_floats("rewards", ((0.0, 1.0) if n < 19 else (-1.0, 1.0)) if rewards is None else rewards)
     if rewards.shape != (2,):
         raise ValueError(f"rewards: got {rewards}, must be two numbers, for the left and the right end")
-    left, right = rewards
-    outcomes = {(s, 0): [(0.5, s - 1, left * (s == 1)), (0.5, s + 1, right * (s == n))] for s in range(1, n + 1)}
+    at_left, at_right = rewards
+    outcomes = {(s, 0): [(1 - p, s - 1, at_left * (s == 1)), (p, s + 1, at_right * (s == n))] for s in range(1, n + 1)}
     return FiniteMDP.from_outcomes(outcomes, start=(n + 1) // 2 if start is None else start, action_names=("step",))
 
 

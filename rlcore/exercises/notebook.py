@@ -16,6 +16,13 @@ KIND = {
     "experiment": "confirm or refute a claim",
 }
 
+PAGES = (  # the last equation of each chapter that numbers any
+    (11, "01_mdp"),
+    (17, "02_bellman"),
+    (21, "04_temporal_difference"),
+    (41, "05_eligibility_traces"),
+)
+
 
 def write(chapters, folder):
     """Write the notebook of every chapter module into `folder`; returns the paths."""
@@ -87,7 +94,7 @@ def _with_links(text):
     """Equation references as links that a notebook and the page both understand."""
 
     def link(found):
-        page = "01_mdp" if int(found[1]) <= 11 else "02_bellman"
+        page = next(page for last, page in PAGES if int(found[1]) <= last)
         return f"[equation ({found[1]})](../{page}.ipynb)"
 
     return re.sub(r"\{eq\}`eq-(\d+)`", link, text)

@@ -1,0 +1,130 @@
+"""Target and error of one step, and the values that a fixed set of episodes determines (chapter 4)."""
+
+from collections import namedtuple
+
+import numpy as np
+
+from rlcore.mdp import Trajectory, as_floats, as_integers, check_count, check_gamma, discounted_returns
+from rlcore.tabular import check_rate
+
+
+def td_target(r, V_next, gamma, terminated=False):
+    """r + gamma V(s'), where an end counts 0; elementwise. eq-u-td-target corrected, eq-23"""
+    return r + gamma * V_next * np.logical_not(terminated)  # eq-u-td-target
+
+
+def td_error(r, V, V_next, gamma, terminated=False):
+    """delta = r + gamma V(s') - V(s), elementwise. om-td-error, eq-36"""
+    return td_target(r, V_next, gamma, terminated) - V  # eq-36
+
+
+def batch_mc(episodes, n_states, gamma, *, unvisited=0.0, alpha=None, tol=1e-10, max_sweeps=100_000, each=False):
+    """V (S,) with the least squared error on the episodes: the mean return of each state. alg-batch-mc, cl-048
+
+    episodes: Trajectories, or pairs (states (T + 1,), rewards (T,)), each run to its end: the last state is terminal
+    and worth 0. Every visit counts. unvisited: value of states that no episode meets. each: V after the first episode,
+    the first two, ..., as (n_episodes, S). alpha: None for the mean itself; a step size to reach it by sweeps that add
+    up alpha (G - V(s)) over all visits before V changes, from `unvisited` on until no V(s) changes by tol.
+    Raises ValueError where the sweeps diverge. Source: Sutton and Barto (2018), section 6.3.
+    """
+    batch, gamma, unvisited = _pool(episodes, n_states), check_gamma(gamma), float(as_floats("unvisited", unvisited))
+    G = np.concatenate([discounted_returns(rewards, gamma) for rewards in batch.rewards])
+    V0 = np.where(batch.terminal, 0.0, unvisited)
+    if alpha is None:
+        N, total = _sums(batch, 1.0, each), _sums(batch, G, each)
+        V = np.where(N > 0, total / np.maximum(N, 1), V0)
+        return V if each else V[0]
+    if each:
+        raise ValueError(f"each: got {each!r} with alpha = {alpha!r}, must be False for sweeps")
+    return _sweep(lambda V: np.bincount(batch.s, G - V[batch.s], V.size), V0, alpha, tol, max_sweeps)  # eq-18
+
+
+def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sweeps=100_000):
+    """V (S,) that batch TD(0) settles at, the certainty-equivalence estimate. alg-batch-td, cl-046, cl-050
+
+    Each sweep adds up alpha (r + gamma V(s') - V(s)) over all steps of all episodes before V changes, until no V(s)
+    changes by tol. episodes: as for `batch_mc`. alpha: at most 1 / (visits of a state) is safe. V0: a number or (S,);
+    states that no episode meets keep it. Raises ValueError where the sweeps diverge.
+    Source: Sutton and Barto (2018), section 6.3.
+    """
+    batch, gamma, V0 = _pool(episodes, n_states), check_gamma(gamma), as_floats("V0", V0)
+    if V0.shape not in ((), batch.terminal.shape) or not np.isfinite(V0).all():
+        raise ValueError(f"V0: got {V0}, must be a number or {batch.terminal.shape}, finite")
+    s, s_next = batch.s, batch.s_next
+
+    def increments(V):
+        return np.bincount(s, td_error(batch.r, V[s], V[s_next], gamma, batch.terminal[s_next]), V.size)  # eq-19
+
+    return _sweep(increments, np.where(batch.terminal, 0.0, V0), alpha, tol, max_sweeps)
+
+
+def certainty_equivalence(episodes, n_states, gamma, *, unvisited=0.0, each=False):
+    """v (S,) of the most likely Markov process: transitions and rewards as counted. alg-certainty-equivalence, cl-050
+
+    episodes, unvisited, each: as for `batch_mc`. Source: Sutton and Barto (2018), section 6.3.
+    """
+    batch, gamma, unvisited = _pool(episodes, n_states), check_gamma(gamma), float(as_floats("unvisited", unvisited))
+    N, total = _sums(batch, 1.0, each), _sums(batch, batch.r, each)
+    P = _sums(batch, 1.0, each, to=batch.s_next) / np.maximum(N, 1)[:, :, None]
+    r = np.where(N > 0, total / np.maximum(N, 1), np.where(batch.terminal, 0.0, unvisited))
+    V = np.linalg.solve(np.eye(r.shape[1]) - gamma * P, r[:, :, None])[:, :, 0]  # eq-12
+    return V if each else V[0]
+
+
+# Steps of all episodes in a row, (n,) each, with the number of their episode; rewards by episode; terminal (S,)
+Batch = namedtuple("Batch", "s r s_next episode rewards terminal")
+
+
+def _pool(episodes, n_states):
+    """The steps of all episodes as a Batch; ValueError unless every episode ends, in a state that none goes on from."""
+    S, pairs = check_count("n_states", n_states), []
+    for i, episode in enumerate(episodes):
+        if getattr(episode, "terminated", True) is False:
+            raise ValueError(f"episodes: number {i} was cut before its end, must run to a terminal state")
+        states, rewards = (episode.states, episode.rewards) if isinstance(episode, Trajectory) else episode
+        states, rewards = as_integers("episodes", states), as_floats("episodes", rewards)
+        if rewards.ndim != 1 or rewards.size == 0 or states.shape != (rewards.size + 1,):
+            sizes = f"{states.shape} states and {rewards.shape} rewards"
+            raise ValueError(f"episodes: number {i} has {sizes}, must be T + 1 and T, with T at least 1")
+        pairs.append((states, rewards))
+    if not pairs:
+        raise ValueError(f"episodes: got {episodes!r}, must be at least one")
+    s, s_next, r = (np.concatenate(x) for x in zip(*((states[:-1], states[1:], r) for states, r in pairs)))
+    for x in (s, s_next):
+        if x.min() < 0 or x.max() >= S:
+            raise ValueError(f"episodes: got states {x.min()}..{x.max()}, must be in 0..{S - 1}")
+    if not np.isfinite(r).all():
+        raise ValueError("episodes: contain a reward that is not finite, must be finite")
+    terminal = np.zeros(S, bool)
+    terminal[[states[-1] for states, _ in pairs]] = True
+    if terminal[s].any():
+        raise ValueError(f"episodes: one ends in state {s[terminal[s]][0]}, another goes on from it; ends are terminal")
+    rewards = [rewards for _, rewards in pairs]
+    return Batch(s, r, s_next, np.repeat(np.arange(len(rewards)), [len(x) for x in rewards]), rewards, terminal)
+
+
+def _sums(batch, x, each, to=None):
+    """Sum of x over the visits of each state, (1, S), or (1, S, S) for each pair (s, to); each: running, by episode."""
+    index = (batch.episode if each else np.zeros_like(batch.s), batch.s) + (() if to is None else (to,))
+    sums = np.zeros((len(batch.rewards) if each else 1,) + (batch.terminal.size,) * (len(index) - 1))
+    np.add.at(sums, index, x)
+    return np.cumsum(sums, axis=0)
+
+
+def _sweep(increments, V, alpha, tol, max_sweeps):
+    """V after sweeps V + alpha increments(V), until none changes an entry by tol."""
+    alpha, max_sweeps = check_rate(alpha), check_count("max_sweeps", max_sweeps)
+    if not tol > 0:
+        raise ValueError(f"tol: got {tol!r}, must be positive")
+    for _ in range(max_sweeps):
+        change = alpha * increments(V)
+        V, largest = V + change, np.abs(change).max()
+        if largest < tol:
+            return V
+        if largest > 1e100:
+            raise ValueError(
+                f"alpha: got {alpha}, too large for so many visits: V grows with every sweep, beyond 1e100"
+            )
+    raise ValueError(
+        f"max_sweeps: got {max_sweeps}, V still changes by {largest:.3g} a sweep, must be more (or tol larger)"
+    )

@@ -1,0 +1,74 @@
+"""How well and how fast: repeated runs, errors, the first updates one by one, backups in a second."""
+
+import time
+from collections import namedtuple
+
+import numpy as np
+
+from rlcore.dp import value_iteration
+from rlcore.mdp import FiniteMDP, as_floats, check_count, check_probability, discounted_returns
+
+
+def backups_per_second(mdp, gamma=0.9):
+    """State values that value iteration computes in a second on this machine, one core. ex-backgammon"""
+    value_iteration(mdp, gamma, tol=1.0)  # compiles
+    start = time.perf_counter()
+    sweeps = value_iteration(mdp, gamma, tol=1e-3).n_iter
+    return sweeps * mdp.n_states / (time.perf_counter() - start)
+
+
+def repeat(method, *args, n_runs, seed=0, **settings):
+    """n_runs independent runs of method(*args, **settings, rng=...), as a list. fig-17, fig-22"""
+    rngs = np.random.default_rng(seed).spawn(check_count("n_runs", n_runs))
+    return [method(*args, **settings, rng=rng) for rng in rngs]
+
+
+def walk_error(V, truth):
+    """Root mean square error over the n states of a random walk. fig-17, fig-18, ex-random-walk-19
+
+    V: (..., n + 2) estimates, the two ends included but not counted. truth: (n,). Returns (...).
+    """
+    V, truth = as_floats("V", V), as_floats("truth", truth)
+    if truth.ndim != 1 or V.ndim == 0 or V.shape[-1] != truth.size + 2:
+        raise ValueError(
+            f"V: got shape {V.shape}, must be (..., {truth.size + 2}), the ends beside {truth.size} states"
+        )
+    return np.sqrt(((V[..., 1:-1] - truth) ** 2).mean(axis=-1))
+
+
+def squared_error(V, episodes, gamma):
+    """Sum of (G_t - V(S_t))^2 over all steps of all episodes (Trajectories or pairs of states, rewards). cl-048"""
+    pairs = [(e.states, e.rewards) if hasattr(e, "states") else (np.asarray(e[0]), e[1]) for e in episodes]
+    return float(sum(((discounted_returns(r, gamma) - V[s[:-1]]) ** 2).sum() for s, r in pairs))
+
+
+Update = namedtuple("Update", "s a s_next old new")
+
+
+def first_updates(method, world, gamma, n_steps, *, alpha, epsilon, seed=0):
+    """The first n_steps updates of a control method as a list of Update. fig-20, fig-21
+
+    The same run is cut after 1, 2, ... steps; what differs is the update. Every update must change its entry.
+    """
+    settings = dict(alpha=alpha, epsilon=epsilon, record=0)
+    before, updates = np.where(world.legal, 0.0, -np.inf), []
+    for n in range(1, check_count("n_steps", n_steps) + 1):
+        Q = method(world, gamma, 1, max_steps=n, rng=np.random.default_rng(seed), **settings).Q
+        s, a = np.argwhere(before != Q)[0]
+        updates.append((int(s), int(a), float(before[s, a]), float(Q[s, a])))
+        before = Q
+    after = [s for s, *_ in updates[1:]] + [-1]
+    return [Update(s, a, s_next, old, new) for (s, a, old, new), s_next in zip(updates, after)]
+
+
+def with_random_actions(mdp, epsilon):
+    """The process in which each chosen action is replaced, with probability epsilon, by one of A(s) at random. fig-22
+
+    Its optimal policy is the best that an epsilon-greedy agent can do. Terminal states stay.
+    """
+    epsilon, P, R = check_probability("epsilon", epsilon), mdp.transition_probs(), mdp.expected_reward()
+    legal = mdp.legal / mdp.legal.sum(axis=1, keepdims=True)
+    mean_P, mean_R = np.einsum("sa,sat->st", legal, P), (legal * R).sum(axis=1)
+    P = np.where(mdp.legal[:, :, None], (1 - epsilon) * P + epsilon * mean_P[:, None], 0.0)
+    R = np.where(mdp.legal, (1 - epsilon) * R + epsilon * mean_R[:, None], 0.0)
+    return FiniteMDP.from_arrays(P, R, terminal=mdp.terminal, start=mdp.start)

@@ -1,0 +1,115 @@
+"""Figures of chapter 5: eligibility traces."""
+
+import numpy as np
+
+from rlcore.plots.style import CYCLE, PALETTE, arrow, band, new_diagram, new_figure
+
+BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
+
+
+def backup_spectrum(steps, weights=None, title=""):
+    """Backup diagrams side by side, each a chain of states and actions. om-spectrum-figure, fig-23
+
+    steps: how many steps each looks ahead; the last one reaches the end. weights: written under the columns.
+    """
+    fig, ax = new_diagram((-1, 2 * len(steps) - 0.4), (-2 * max(steps) - 1.9, 1.2), width=7.0, height=4.6)
+    ax.set_aspect("auto")
+    for k, n in enumerate(steps):
+        x, last = 2 * k, k == len(steps) - 1
+        for i in range(n):
+            ax.plot([x, x], [-2 * i, -2 * i - 2], color=BLACK, ls="-", lw=1.4, zorder=1)
+            ax.plot([x], [-2 * i], "o", color="white", mec=BLACK, ms=12, zorder=2)
+            ax.plot([x], [-2 * i - 1], "o", color=BLACK, ms=7, zorder=2)
+        ax.plot([x], [-2 * n], "s" if last else "o", color="#d9d9d9" if last else "white", mec=BLACK, ms=13, zorder=2)
+        ax.text(x, 0.9, "Monte\nCarlo" if last else f"{n} step" + "s" * (n > 1), ha="center", fontsize=11)
+        if weights is not None:
+            ax.text(x, -2 * n - 1.3, f"{weights[k]:.3g}", ha="center", va="center", color=BLUE, fontsize=12)
+    ax.set_title(title)
+    return fig
+
+
+def return_weights(weights, lam):
+    """Weights of the n-step returns in the lambda-return, the complete return in red. fig-24"""
+    fig, ax = new_figure(height=3.6)
+    n = np.arange(1, weights.size + 1)
+    ax.vlines(n[:-1], 0, weights[:-1], color=BLUE, ls="-", lw=3)
+    ax.plot(n[:-1], weights[:-1], "o", color=BLUE, label="n-step returns")
+    ax.bar(n[-1:], weights[-1:], width=0.7, color=RED, label=f"complete return, {weights[-1]:.2g}")
+    half = f", half of it every {np.log(0.5) / np.log(lam):.1f} steps" if 0 < lam < 1 else ""
+    ax.set(xlabel="n", ylabel="weight", title=f"λ = {lam:g}{half}", ylim=(0, 1.05 * max(weights.max(), 0.1)))
+    ax.legend()
+    return fig
+
+
+def time_line(states, t, heights, title, *, forward):
+    """An episode as a row of states; from time t, bars and arcs forward to rewards or back to states. fig-25, fig-27
+
+    states: (T + 1,). heights: forward, the effect of R_{t+1} ... R_T on the target, (T - t,); backward, what the states
+    S_0 ... S_t are credited with, (t + 1,), one entry a time.
+    """
+    T = len(states) - 1
+    fig, ax = new_figure(width=7.2, height=3.4)
+    x = np.arange(t + 1, T + 1) if forward else np.arange(t + 1)
+    largest = max(np.abs(heights).max(), 1e-12)
+    ax.bar(x, np.asarray(heights) / largest, width=0.5, color=BLUE if forward else GREEN, alpha=0.85)
+    for at in x[: None if forward else -1]:
+        strength = abs(heights[at - t - 1 if forward else at]) / largest
+        if strength > 0.01:
+            start, end = ((t, -0.2), (at, -0.2)) if forward else ((t, -0.2), (at, -0.2))
+            arrow(ax, start, end, curve=0.25 if forward else -0.25, colour=GREY)
+            ax.patches[-1].set_linewidth(0.4 + 2.4 * strength)
+    for k, s in enumerate(states):
+        last = k == T
+        ax.plot(
+            [k], [-0.2], "s" if last else "o", ms=17, color="#d9d9d9" if last else "white", mec=RED if k == t else BLACK
+        )
+        ax.text(k, -0.2, "" if last else chr(ord("A") + s - 1), ha="center", va="center", fontsize=10)
+    what = "effect on the target" if forward else "credit, share of the largest"
+    ax.set(xlabel="time", ylabel=what, title=title, xlim=(-0.7, T + 0.7), ylim=(-0.5 if forward else -1.1, 1.15))
+    ax.axhline(0, color=GREY, ls="-", lw=0.8)
+    return fig
+
+
+def trace_courses(courses, visits, title=""):
+    """The trace of one state in time, a panel for each kind, its visits marked. fig-26; courses: {kind: (n,)}."""
+    fig, axes = new_figure(len(courses), 1, width=6.4, height=5.4, sharex=True, sharey=True)
+    for ax, (kind, course), colour in zip(axes, courses.items(), (BLUE, GREEN, RED)):
+        t = np.arange(course.size)
+        ax.step(t, course, where="post", color=colour, ls="-")
+        ax.plot(t, course, "o", color=colour, ms=5)
+        ax.plot(visits, np.zeros(len(visits)), "|", color=BLACK, ms=14, mew=2.5)
+        ax.set_ylabel(kind)
+    axes[0].set_title(title)
+    axes[-1].set(xlabel="time (marks: visits)", ylim=(-0.15, 3.0))
+    return fig
+
+
+def sweep(curves, *, xlabel="step size α", ylabel="RMS error, first 10 episodes", ylim=(0.23, 0.56), title=""):
+    """Error against step size, one curve a setting, with its standard error; curves: {label: (x, (n_x, n_runs))}.
+
+    ex-random-walk-19, alg-n-step-online
+    """
+    fig, ax = new_figure(height=4.6)
+    for k, (label, (x, values)) in enumerate(curves.items()):
+        mean, error = values.mean(axis=1), values.std(axis=1) / np.sqrt(values.shape[1])
+        style = {
+            "color": CYCLE[k % len(CYCLE)],
+            "ls": ("-", "--", "-.", ":")[k % 4],
+            "marker": "osv^Dx"[k % 6],
+            "ms": 4,
+        }
+        band(ax, x, mean, error, label, **style)
+    ax.set(xlabel=xlabel, ylabel=ylabel, ylim=ylim, title=title)
+    ax.legend(ncols=2, fontsize=10)
+    return fig
+
+
+def cut_histogram(cuts, title):
+    """How many steps a trace grows before an exploratory action cuts it. fig-29"""
+    fig, ax = new_figure(height=3.4)
+    length = np.minimum(cuts, 30)
+    ax.bar(np.arange(1, 31), np.bincount(length, minlength=31)[1:] / cuts.size, color=BLUE)
+    ax.axvline(cuts.mean(), color=RED, ls="--", label=f"mean {cuts.mean():.1f}")
+    ax.set(xlabel="steps until a cut (30: 30 and more)", ylabel="share", title=title, ylim=(0, 0.7))
+    ax.legend()
+    return fig

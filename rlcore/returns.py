@@ -1,0 +1,285 @@
+"""Targets of multi-step backups, on one recorded episode: n-step returns, their mixtures, lambda-returns (chapter 5).
+
+One convention throughout: rewards (T,) holds R_1 ... R_T; values holds V(S_0) ... V(S_{T-1}) where the episode
+terminated, and one more entry, V(S_T), where it was cut and goes on unseen.
+"""
+
+import numpy as np
+
+from rlcore.bellman import policy_matrix, solve_policy
+from rlcore.compiled import compiled
+from rlcore.experience import act, check_max_steps, reset, run_loop, spaces
+from rlcore.mdp import (
+    FiniteMDP,
+    as_floats,
+    as_integers,
+    check_count,
+    check_gamma,
+    check_probability,
+    check_rng,
+    check_values,
+    cumulative,
+    draw,
+)
+from rlcore.results import Run
+from rlcore.tabular import check_pi, check_rate, check_v0
+
+READINGS = ("in order", "summed", "recomputed")
+
+
+# ---------------------------------------------------------------------- targets of one episode
+
+
+@compiled
+def return_to_horizon(rewards, gamma, t, h, c):
+    """G_t^h(c): the rewards from t + 1 to h, then c. Older rewards may have been overwritten, R_{k+1} at k mod size."""
+    for k in range(h - 1, t - 1, -1):
+        c = rewards[k % rewards.size] + gamma * c  # eq-25
+    return c
+
+
+@compiled
+def lambda_returns(rewards, values, gamma, lam, first):
+    """L_t for t from `first` on, (T,), 0 before; values (T + 1,)."""
+    L = np.zeros(rewards.size)
+    G = values[rewards.size]
+    for t in range(rewards.size - 1, first - 1, -1):
+        G = rewards[t] + gamma * ((1 - lam) * values[t + 1] + lam * G)  # eq-32
+        L[t] = G
+    return L
+
+
+def n_step_return(rewards, values, gamma, n, t=None):
+    """G_t^{t+n}(V(S_{t+n})), or the complete return where t + n passes the end. eq-22, eq-23, eq-24, eq-25, cl-064
+
+    rewards: (T,). values: (T,) where the episode terminated, (T + 1,) where it was cut. t: a time in 0..T-1; all times
+    where it is None. Returns a number, or (T,). Source: Sutton and Barto (2018), (7.1).
+    """
+    rewards, values, gamma, n = *_episode(rewards, values), check_gamma(gamma), check_count("n", n)
+    T = rewards.size
+    if t is not None:
+        t = FiniteMDP._index("t", t, T)
+        return float(return_to_horizon(rewards, gamma, t, min(t + n, T), values[min(t + n, T)]))
+    return np.array([n_step_return(rewards, values, gamma, n, t) for t in range(T)])
+
+
+def complex_backup(rewards, values, gamma, weights):
+    """A mixture of n-step returns, (T,). eq-u-complex-example, alg-complex-backup
+
+    rewards, values: as in n_step_return. weights: {n: weight}, weights at least 0 that sum to 1.
+    Source: Watkins (1989), section 7.2.
+    """
+    weights = _check_weights("weights", weights)
+    return sum(w * n_step_return(rewards, values, gamma, n) for n, w in weights.items())
+
+
+def lambda_return(rewards, values, gamma, lam):
+    """L_0 ... L_{T-1}, (T,), by one backward pass. eq-31, eq-32, alg-lambda-return, cl-070
+
+    rewards, values: as in n_step_return. lam = 0 gives the one-step target, lam = 1 the return, both exactly.
+    Source: Sutton and Barto (2018), (12.18).
+    """
+    rewards, values, gamma, lam = *_episode(rewards, values), check_gamma(gamma), check_probability("lam", lam)
+    return lambda_returns(rewards, values, gamma, lam, 0)
+
+
+def lambda_weights(T_minus_t, lam):
+    """Weights of the 1-step, 2-step, ... and of the complete return in L_t, (T_minus_t,). eq-32, fig-23, fig-24
+
+    T_minus_t: how many steps are left. The complete return, which comes last, gets all that the others leave.
+    """
+    n, lam = np.arange(1, check_count("T_minus_t", T_minus_t) + 1), check_probability("lam", lam)
+    return np.where(n < n.size, 1 - lam, 1.0) * lam ** (n - 1.0)  # eq-32
+
+
+def error_reduction(mdp, pi, v, n, gamma, *, printed=False):
+    """(left, right) of max |E[n-step return with v] - v_pi| <= gamma^n max |v - v_pi|. eq-30, cl-065, cl-069
+
+    v: a number or (S,). n: a number of steps, or {n: weight} for a mixture of them, whose factor is the mixture of the
+    gamma^n. printed: bootstrap from S_{t+1} whatever n is, as printed in the document; then it may fail.
+    Exact, from powers of the transition matrix. Source: Sutton and Barto (2018), (7.3).
+    """
+    v_pi, v = solve_policy(mdp, pi, gamma), check_values(mdp, v, "v")
+    P, r = policy_matrix(mdp, pi)
+    weights = _check_weights("n", n) if isinstance(n, dict) else {check_count("n", n): 1.0}
+    expected, factor = np.zeros_like(v), 0.0
+    for steps, weight in weights.items():
+        rewards, last = np.zeros_like(v), P @ v if printed else v
+        for _ in range(steps):
+            rewards, last = r + gamma * (P @ rewards), last if printed else P @ last
+        expected += weight * (rewards + gamma**steps * last)
+        factor += weight * gamma**steps
+    return float(np.abs(expected - v_pi).max()), float(factor * np.abs(v - v_pi).max())  # eq-30
+
+
+def forward_increments(states, rewards, V, gamma, lam, alpha):
+    """What the lambda-returns of an episode add to V, V held fixed: (T, S), row t at time t. eq-33, fig-25
+
+    states: (T,) where the episode terminated, else (T + 1,). rewards: (T,). V: (S,). The sum over t is the update.
+    """
+    states, rewards, values, V = visited_values(states, rewards, V)
+    L = lambda_return(rewards, values, gamma, lam)
+    increments = np.zeros((rewards.size, V.size))
+    increments[np.arange(rewards.size), states[: rewards.size]] = check_rate(alpha) * (L - values[: rewards.size])
+    return increments  # eq-33
+
+
+# ---------------------------------------------------------------------- learning from them
+
+
+def n_step_td(world, pi, gamma, n, n_episodes, *, alpha, online=True, V0=0.0, max_steps=None, record=1, rng):
+    """v_pi from n-step returns. alg-n-step-online, alg-n-step-offline, eq-26, eq-27, eq-28, eq-29, cl-067
+
+    world: FiniteMDP, or gymnasium.Env with Discrete spaces. n: the number of rewards in a target; a state is updated n
+    steps after its visit, or at the end. alpha: step size in (0, 1]. online: update at each step, else add the summed
+    increments when the episode ends. V0: a number or (S,). max_steps: an episode that long is cut, and its last targets
+    bootstrap; None needs a policy that ends every episode. record: history keeps V before the first and after each
+    record-th episode; 0 keeps none. Returns a Run with V and history (n_episodes // record + 1, S).
+    Source: Sutton and Barto (2018), section 7.1.
+    """
+    alpha, n = check_rate(alpha), check_count("n", n)
+    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
+    found = run_loop(_n_step_td, world, cumulative(pi), *settings, n, alpha, bool(online), rng=rng)
+    return value_run(found, pi, record)
+
+
+@compiled
+def _n_step_td(world, pi_cdf, gamma, n_episodes, V, max_steps, record, n, alpha, online, rng):
+    history, returns, lengths = books(V, n_episodes, record)
+    change = V if online else np.zeros_like(V)
+    states, rewards = np.zeros(n, np.int64), np.zeros(n)  # the last n steps, that of time t at t mod n
+    for i in range(n_episodes):
+        s = reset(world, rng)
+        t, done = 0, False
+        while not done:
+            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
+            states[t % n], rewards[t % n] = s, r
+            returns[i] += r
+            t += 1
+            done = terminated or truncated or t >= max_steps
+            for tau in range(max(t - n, 0), t if done else t - n + 1):
+                G = return_to_horizon(rewards, gamma, tau, t, V[s_next] * (not terminated))  # eq-25
+                change[states[tau % n]] += alpha * (G - V[states[tau % n]])  # eq-26, eq-27
+            s = s_next
+        if not online:
+            V += change  # eq-29
+            change[:] = 0.0
+        lengths[i] = t
+        if record and (i + 1) % record == 0:
+            history[(i + 1) // record] = V
+    return returns, lengths, V, history
+
+
+def offline_lambda_return(
+    world, pi, gamma, lam, n_episodes, *, alpha, reading="in order", V0=0.0, max_steps=None, record=1, rng
+):
+    """v_pi from lambda-returns, at the end of each episode. alg-lambda-return, eq-33
+
+    reading: how the increments (33) of an episode meet. "in order": the targets are those of the V before the episode,
+    the updates follow each other, each from the V that the one before left. "summed": V is held fixed for the updates,
+    too, and their sum is added once. "recomputed": the targets, too, use the newest V. lam: in [0, 1].
+    Others, and the Run that it returns: as in n_step_td. Source: Sutton and Barto (2018), section 12.1.
+    """
+    alpha, lam = check_rate(alpha), check_probability("lam", lam)
+    if reading not in READINGS:
+        raise ValueError(f"reading: got {reading!r}, allowed are {', '.join(map(repr, READINGS))}")
+    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
+    how = (lam, alpha, reading == "summed", reading == "recomputed")
+    found = run_loop(_offline_lambda_return, world, cumulative(pi), *settings, *how, rng=rng)
+    return value_run(found, pi, record)
+
+
+@compiled
+def _offline_lambda_return(world, pi_cdf, gamma, n_episodes, V, max_steps, record, lam, alpha, summed, recomputed, rng):
+    history, returns, lengths = books(V, n_episodes, record)
+    change = np.zeros_like(V) if summed else V
+    states, rewards = np.zeros(128, np.int64), np.zeros(128)
+    for i in range(n_episodes):
+        s = reset(world, rng)
+        T, done, terminated = 0, False, False
+        while not done:
+            if states.size < T + 2:
+                states, rewards = np.concatenate((states, states)), np.concatenate((rewards, rewards))
+            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
+            states[T], states[T + 1], rewards[T] = s, s_next, r
+            returns[i] += r
+            T += 1
+            s, done = s_next, terminated or truncated or max_steps <= T
+        L = rewards
+        for t in range(T):
+            if t == 0 or recomputed:
+                values = V[states[: T + 1]]
+                values[T] *= not terminated
+                L = lambda_returns(rewards[:T], values, gamma, lam, t)  # eq-32
+            change[states[t]] += alpha * (L[t] - V[states[t]])  # eq-33
+        if summed:
+            V += change  # eq-29
+            change[:] = 0.0
+        lengths[i] = T
+        if record and (i + 1) % record == 0:
+            history[(i + 1) // record] = V
+    return returns, lengths, V, history
+
+
+# ---------------------------------------------------------------------- what the learners share
+
+
+@compiled
+def books(table, n_episodes, record):
+    """history with the first estimates, returns and lengths of episodes still to come."""
+    n_kept = 1 + (n_episodes // record if record else 0)
+    history = np.zeros((n_kept, *table.shape))
+    history[0] = table
+    return history, np.zeros(n_episodes), np.zeros(n_episodes, np.int64)
+
+
+def check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng):
+    """pi, gamma, n_episodes, V, max_steps, record as loops take them."""
+    (legal, terminal), gamma, n_episodes = spaces(world), check_gamma(gamma), check_count("n_episodes", n_episodes)
+    pi, V, record, _ = check_pi(legal, pi), check_v0(terminal, V0), check_count("record", record, 0), check_rng(rng)
+    return pi, gamma, n_episodes, V, check_max_steps(world, max_steps, pi), record
+
+
+def value_run(found, pi, record):
+    """The Run of a loop that learned v_pi."""
+    returns, lengths, V, history = found
+    return Run(returns, lengths, V=V, policy=pi, history=history if record else None)
+
+
+# ---------------------------------------------------------------------- checks
+
+
+def _episode(rewards, values):
+    """rewards (T,) and values (T + 1,) as floats, the last value 0 where the episode terminated."""
+    rewards, values = as_floats("rewards", rewards), as_floats("values", values)
+    for name, x in (("rewards", rewards), ("values", values)):
+        if not np.isfinite(x).all():
+            raise ValueError(f"{name}: contains a number that is not finite, must be finite")
+    if rewards.ndim != 1 or rewards.size == 0:
+        raise ValueError(f"rewards: got shape {rewards.shape}, must be (T,) with T at least 1")
+    if values.shape not in (rewards.shape, (rewards.size + 1,)):
+        raise ValueError(f"values: got shape {values.shape}, must be ({rewards.size},) or ({rewards.size + 1},)")
+    return rewards, np.append(values, 0.0) if values.size == rewards.size else values
+
+
+def visited_values(states, rewards, V):
+    """states, rewards, values (T + 1,) of the states, and V; ValueError unless they fit each other."""
+    states, V = as_integers("states", states), as_floats("V", V)
+    if V.ndim != 1:
+        raise ValueError(f"V: got shape {V.shape}, must be (S,)")
+    if states.ndim != 1 or ((states < 0) | (states >= V.size)).any():
+        raise ValueError(f"states: got {states}, must be (T,) or (T + 1,) states in 0..{V.size - 1}")
+    rewards, _ = _episode(rewards, np.zeros(np.size(rewards)))
+    if states.size not in (rewards.size, rewards.size + 1):
+        raise ValueError(f"states: got {states.size}, must be as many as rewards, or one more")
+    return states, *_episode(rewards, V[states]), V
+
+
+def _check_weights(name, weights):
+    """weights as {int: float}; ValueError unless they are at least 0 and sum to 1."""
+    if not isinstance(weights, dict) or not weights:
+        raise ValueError(f"{name}: got {weights!r}, must be {{n: weight}} with at least one n")
+    weights = {check_count(name, n): check_probability(name, w) for n, w in weights.items()}
+    if abs(sum(weights.values()) - 1) > 1e-9:
+        raise ValueError(f"{name}: weights sum to {sum(weights.values()):.12g}, must be 1")
+    return weights
