@@ -1,6 +1,6 @@
 """Break the code on purpose, one place at a time: some test must fail.
 
-    python tests/mutation.py [module ...]     mdp bellman dp planning _solve; all of them where none is named
+    python tests/mutation.py [module ...]     of TESTS below; all of them where none is named
     python tests/mutation.py --again          forget earlier results
     python tests/mutation.py --list           print the changes without running anything
     python tests/mutation.py --report         what is known from earlier runs
@@ -36,6 +36,11 @@ TESTS = {  # in the order in which they are most likely to notice
     "dp": "test_dp test_bad_input test_properties",
     "planning": "test_planning test_bad_input",
     "_solve": "test_solve test_properties test_bad_input",
+    "td": "test_td",
+    "episodes": "test_td",
+    "returns": "test_traces",
+    "traces": "test_traces",
+    "measure": "test_measure",
 }
 TOO_SLOW = {  # interpreted, these take a minute each: left out, which can only make a mutant survive
     "_solve": "memory or 0.9999 or without_numba or does_not_forget or long_corridor",
