@@ -1,4 +1,5 @@
-"""Evaluates the LaTeX of chapters 1 to 3: sums, maxima, expectations, fractions, p(s', r | s, a), pi(a | s), v, q.
+"""Evaluates the LaTeX of chapters 1 to 5: sums, maxima, expectations, fractions, p(s', r | s, a), pi(a | s), v, q, and
+the updates along an episode: V(S_t), Q(S_t, A_t), R_{t+1}, G_t^{t+n}(c), L_t, delta_t, E_{t-1}(s, a), I_{s S_t}.
 
 `sides(latex)` splits an equation at its signs of equality and gives one function of a `Scope` for each side. What it
 cannot read is a SyntaxError: nothing on the page is passed over in silence.
@@ -15,11 +16,12 @@ class Scope:
     """Names and tables of one process.
 
     sets: {letter: values} over which sums and maxima run. tables: {(name, subscript, number of arguments): array or
-    function}. rewards: R_1 ... R_T of one episode, for the returns.
+    function}. rewards: R_1 ... R_T of one episode, for the returns. greek: values of alpha and lambda.
     """
 
-    def __init__(self, sets, tables, rewards=(), gamma=0.9):
+    def __init__(self, sets, tables, rewards=(), gamma=0.9, greek=None):
         self.sets, self.tables, self.rewards, self.gamma = sets, tables, rewards, gamma
+        self.greek = greek or {}
 
     def call(self, name, subscript, args):
         table = self.tables[name, subscript, len(args)]
@@ -36,6 +38,7 @@ def sides(latex):
     )
     text = re.sub(r"\\(?:doteq|leftarrow)\b", "=", text).replace(r"\mid", "|").replace(r"\ast", "*")
     text = re.sub(r"\^\{?\\prime\}?", "'", text)
+    text = re.sub(r"\\[td]?frac\s*(\d)\s*(\d)", r"\\frac{\1}{\2}", text)
     reader = Reader(re.findall(TOKEN, re.sub(r"([a-zA-Z])\s+'", r"\1'", text)))
     found = [reader.expression()]
     while reader.take("="):
@@ -138,7 +141,11 @@ class Reader:
             return self.extreme(lambda pairs: max(pairs)[0])
         if token in (r"\E", r"\Pr"):
             return self.expectation(token)
-        if token in "RGSA" and self.peek() == "_" or token == "T" and self.peek() != "(":
+        if token in (r"\alpha", r"\lambda"):
+            return lambda scope, names: scope.greek[token]
+        if token == "I":
+            return self.indicator()
+        if token in ("R", "G", "S", "A", "L", r"\delta") and self.peek() == "_" or token == "T" and self.peek() != "(":
             return self.variable(token)
         if re.fullmatch(r"\\pi'*|[a-zA-Z]'*", token):
             return self.name(token.strip("\\"))
@@ -172,6 +179,8 @@ class Reader:
         if letter == "T":
             return lambda scope, names: len(scope.rewards)
         index = self.index()
+        if letter == "G" and self.take("^"):
+            return self.to_horizon(index)
 
         def value(scope, names):
             at = index(scope, {"t": 0, **names})
@@ -184,6 +193,28 @@ class Reader:
             return scope.call(letter, "", [at])
 
         return value
+
+    def to_horizon(self, index):
+        """G_t^{h}(c): the discounted rewards up to h, then c; c is read only where h is not beyond the end."""
+        horizon = self.group()
+        self.need("(")
+        rest = self.expression()
+        self.need(")")
+
+        def value(scope, names):
+            t, h = int(index(scope, names)), int(horizon(scope, names))
+            total = sum(scope.gamma ** (k - t) * scope.rewards[k] for k in range(t, h))
+            return total + scope.gamma ** (h - t) * rest(scope, names)
+
+        return value
+
+    def indicator(self):
+        """I_{xy} = 1 where x = y, else 0."""
+        self.need("_")
+        self.need("{")
+        x, y = self.atom(), self.atom()
+        self.need("}")
+        return lambda scope, names: float(x(scope, names) == y(scope, names))
 
     def index(self):
         self.need("_")
