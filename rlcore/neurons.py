@@ -150,6 +150,13 @@ def check_name(argument, name, table):
     return table[name]
 
 
+def check_dtype(dtype):
+    """dtype as a numpy.dtype; ValueError unless float32 or float64."""
+    if np.dtype(dtype) not in (np.float32, np.float64):
+        raise ValueError(f"dtype: got {dtype!r}, must be numpy.float32 or numpy.float64")
+    return np.dtype(dtype)
+
+
 def _check_pair(a, y):
     """a and y as arrays of one shape, (d,) or (B, d), in a's precision."""
     a = np.asarray(a) if isinstance(a, np.ndarray) and a.dtype == np.float32 else as_floats("a", a)

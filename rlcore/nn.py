@@ -11,6 +11,7 @@ from rlcore.neurons import (
     ACTIVATIONS,
     COSTS,
     bump,
+    check_dtype,
     check_name,
     cross_entropy,
     cross_entropy_gradient,
@@ -26,6 +27,8 @@ from rlcore.neurons import (
     tanh,
     tower,
 )
+from rlcore.optimizers import SGD, Adam, GradientDescent, check_optimizer, check_positive, take_step
+from rlcore.torchnet import TorchNet
 
 __all__ = [
     "ACTIVATIONS", "COSTS", "MLP", "SGD", "Adam", "GradientDescent", "TorchNet", "backprop", "bump", "cross_entropy",
@@ -58,8 +61,8 @@ class MLP:
         self.sizes = [check_count("sizes", n) for n in sizes]
         check_name("hidden", hidden, ACTIVATIONS), check_name("output", output, ACTIVATIONS)
         deviation = check_name("init", init, INITIAL)
-        self.hidden, self.output, self.optimizer = hidden, output, _check_optimizer(optimizer)
-        self.theta = np.zeros(sum((m + 1) * n for m, n in zip(self.sizes, self.sizes[1:])), _check_dtype(dtype))
+        self.hidden, self.output, self.optimizer = hidden, output, check_optimizer(optimizer)
+        self.theta = np.zeros(sum((m + 1) * n for m, n in zip(self.sizes, self.sizes[1:])), check_dtype(dtype))
         self._view()
         if init != "zeros":
             check_rng(rng)
@@ -87,7 +90,8 @@ class MLP:
             raise ValueError(f"x: got shape {a.shape}, must be ({self.sizes[0]},) or (B, {self.sizes[0]})")
         self.zs, self.activations = [], [a]
         for w, b, sigma in zip(self.weights, self.biases, self._sigma):
-            z = a @ w.T + b  # eq-nn-30, a sample a row
+            z = a @ w.T  # eq-nn-30, a sample a row
+            z += b
             a = sigma(z)  # eq-nn-31
             self.zs.append(z)
             self.activations.append(a)
@@ -109,19 +113,23 @@ class MLP:
         deltas[-1] = d_outputs * self._slope[-1](z[-1], a[-1])  # eq-nn-34
         for l in reversed(range(len(z) - 1)):
             deltas[l] = deltas[l + 1] @ self.weights[l + 1] * self._slope[l](z[l], a[l + 1])  # eq-nn-35
-        for l, delta in enumerate(map(np.atleast_2d, deltas)):
-            np.sum(delta, axis=0, out=d_biases[l])  # eq-nn-36
-            np.matmul(delta.T, np.atleast_2d(a[l]), out=d_weights[l])  # eq-nn-37
+        for l, delta in enumerate(deltas):
+            if delta.ndim == 1:
+                d_biases[l][:] = delta  # eq-nn-36
+                d_weights[l][:] = np.outer(delta, a[l])  # eq-nn-37
+            else:  # the same, summed over the samples
+                np.add.reduce(delta, axis=0, out=d_biases[l])
+                np.matmul(delta.T, a[l], out=d_weights[l])
         return gradient
 
     def step(self, gradient):
         """One step of the optimizer, theta changed in place."""
-        _step(self, gradient)
+        take_step(self, gradient)
 
     def copy(self, dtype=None):
         """An independent copy, in another precision if dtype says so."""
         twin = copy.copy(self)
-        twin.theta = self.theta.astype(self.theta.dtype if dtype is None else _check_dtype(dtype))
+        twin.theta = self.theta.astype(self.theta.dtype if dtype is None else check_dtype(dtype))
         twin.optimizer = copy.deepcopy(self.optimizer) if dtype is None else None
         twin._view()
         return twin
@@ -161,7 +169,7 @@ def gradient_check(net, x, y, cost="quadratic", h=1e-6):
     Relative to the parameter's own derivative, or to a thousandth of the largest one where that is more. Arguments as
     for `backprop`. h: change of each parameter. Needs two forward passes a parameter.
     """
-    _check_positive("h", h)
+    check_positive("h", h)
     net = net.copy(np.float64)
     C = check_name("cost", cost, COSTS)[0]
     gradient, numeric = backprop(net, x, y, cost)[1], np.zeros(net.theta.size)
@@ -175,57 +183,6 @@ def gradient_check(net, x, y, cost="quadratic", h=1e-6):
     return float(np.max(np.abs(gradient - numeric) / np.maximum(scale, max(1e-3 * scale.max(), 1e-300))))
 
 
-# ---------------------------------------------------------------------- optimisers
-
-
-class SGD:
-    """Gradient descent, with momentum if wanted; stochastic if the gradient is that of a minibatch. om-sgd
-
-    update(theta, gradient) changes theta in place: v <- momentum v + gradient, theta <- theta - lr v. lr may be
-    changed between updates. Source: Polyak (1964); Nielsen (2015), chapter 3.
-    """
-
-    def __init__(self, lr, momentum=0.0):
-        self.lr, self.momentum, self.v = _check_positive("lr", lr), _check_decay("momentum", momentum), None
-
-    def update(self, theta, gradient):
-        _check_gradient(theta, gradient, self.v)
-        if self.momentum:
-            self.v = gradient + (0.0 if self.v is None else self.momentum * self.v)
-        theta -= self.lr * (self.v if self.momentum else gradient)  # eq-nn-27, eq-nn-28
-
-
-GradientDescent = SGD
-
-
-class Adam:
-    """Steps scaled by running means of the gradient and of its square.
-
-    update(theta, gradient) changes theta in place. Source: Kingma and Ba (2015), algorithm 1.
-    """
-
-    def __init__(self, lr=1e-3, beta1=0.9, beta2=0.999, eps=1e-8):
-        self.lr, self.eps = _check_positive("lr", lr), _check_positive("eps", eps)
-        self.beta1, self.beta2, self.t = _check_decay("beta1", beta1), _check_decay("beta2", beta2), 0
-        self.m = self.v = None
-
-    def update(self, theta, gradient):
-        _check_gradient(theta, gradient, self.m)
-        if self.m is None:
-            self.m, self.v, self._work = np.zeros_like(theta), np.zeros_like(theta), np.empty_like(theta)
-        m, v, work = self.m, self.v, self._work
-        self.t += 1
-        m += np.multiply(np.subtract(gradient, m, out=work), 1 - self.beta1, out=work)
-        v *= self.beta2
-        v += np.multiply(np.square(gradient, out=work), 1 - self.beta2, out=work)
-        np.sqrt(v, out=work)
-        work /= (1 - self.beta2**self.t) ** 0.5
-        work += self.eps
-        np.divide(m, work, out=work)
-        work *= self.lr / (1 - self.beta1**self.t)
-        theta -= work
-
-
 def sgd(net, x, y, *, optimizer=None, batch, epochs, cost="quadratic", on_epoch=None, rng):
     """Train on minibatches drawn without replacement, anew in each epoch. alg-sgd, om-sgd, fig-47
 
@@ -237,7 +194,7 @@ def sgd(net, x, y, *, optimizer=None, batch, epochs, cost="quadratic", on_epoch=
     if x.ndim != 2 or len(x) == 0 or len(x) != len(np.atleast_1d(y)):
         raise ValueError(f"x: got shape {x.shape} with y of shape {y.shape}, must be as many samples, one at least")
     batch, rng = len(x) if batch is None else check_count("batch", batch), check_rng(rng)
-    net.optimizer = _check_optimizer(optimizer) or net.optimizer
+    net.optimizer = check_optimizer(optimizer) or net.optimizer
     x, history = np.asarray(x, net.theta.dtype), np.zeros(epochs)
     for epoch in range(epochs):
         order = rng.permutation(len(x))
@@ -280,115 +237,10 @@ def step_bump_network(f, n, *, interval=(0.0, 1.0), w=1000.0, heights="centre", 
         raise ValueError(f"heights: got shape {h.shape}, must be ({n},)")
     edges[[0, -1]] += ends * (high - low) * np.array([-1, 1])
     net = MLP([1, 2 * n, 1], hidden="sigmoid", init="zeros", dtype=np.float64, rng=None)
-    net.weights[0][:] = _check_positive("w", w)
+    net.weights[0][:] = check_positive("w", w)
     net.biases[0][:] = -w * np.column_stack((edges[:-1], edges[1:])).ravel()  # eq-nn-24
     net.weights[1][0] = np.column_stack((h, -h)).ravel()  # eq-u-bump
     return net
-
-
-# ---------------------------------------------------------------------- torch
-
-
-class TorchNet:
-    """Any torch module with the forward, backward, step and theta of `MLP`; autograd does the backward pass.
-
-    module: a torch.nn.Module from (d,) or (B, d) to outputs; its parameters become views of theta where it lives on the
-    CPU, and are read from theta before each forward pass where it does not. optimizer: as for `MLP`; lr: short for
-    Adam(lr).
-    """
-
-    def __init__(self, module, optimizer=None, lr=None):
-        import torch
-
-        self._torch, self.module = torch, module
-        self.optimizer = Adam(lr) if optimizer is None and lr is not None else _check_optimizer(optimizer)
-        self._parameters = list(module.parameters())
-        if len({p.dtype for p in self._parameters}) != 1:
-            raise ValueError("module: its parameters must be of one dtype, and at least one")
-        self._flat = torch.cat([p.detach().reshape(-1) for p in self._parameters])
-        for p, part in zip(self._parameters, self._flat.split([p.numel() for p in self._parameters])):
-            p.data = part.view_as(p)
-        self.theta, self._outputs = self._flat.cpu().numpy(), None
-
-    @classmethod
-    def like(cls, mlp):
-        """The twin of an MLP: same layers, same parameters, a copy of its optimizer."""
-        import torch
-
-        layer = {"sigmoid": torch.nn.Sigmoid, "relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "linear": torch.nn.Identity}
-        modules = []
-        for w, b in zip(mlp.weights, mlp.biases):
-            linear = torch.nn.Linear(*w.shape[::-1], dtype=getattr(torch, w.dtype.name))
-            linear.weight.data[:], linear.bias.data[:] = torch.from_numpy(w), torch.from_numpy(b)
-            modules += [linear, layer[mlp.hidden if len(modules) < 2 * len(mlp.weights) - 2 else mlp.output]()]
-        return cls(torch.nn.Sequential(*modules), copy.deepcopy(mlp.optimizer))
-
-    @property
-    def n_parameters(self):
-        return self.theta.size
-
-    def forward(self, x):
-        if self._flat.device.type != "cpu":
-            self._flat.copy_(self._torch.from_numpy(self.theta))
-        x = self._torch.as_tensor(np.asarray(x, self.theta.dtype), device=self._flat.device)
-        self._outputs = self.module(x)
-        return self._outputs.detach().cpu().numpy()
-
-    def backward(self, d_outputs):
-        if self._outputs is None or np.shape(d_outputs) != tuple(self._outputs.shape):
-            raise ValueError(f"d_outputs: got shape {np.shape(d_outputs)}, must be that of the outputs of forward")
-        d = self._torch.as_tensor(np.asarray(d_outputs, self.theta.dtype), device=self._flat.device)
-        options = dict(retain_graph=True, allow_unused=True, materialize_grads=True)
-        parts = self._torch.autograd.grad(self._outputs, self._parameters, d, **options)
-        return self._torch.cat([part.reshape(-1) for part in parts]).cpu().numpy()
-
-    def step(self, gradient):
-        _step(self, gradient)
-
-    def copy(self, dtype=None):
-        module = copy.deepcopy(self.module)
-        if dtype is not None:
-            module = module.to(getattr(self._torch, _check_dtype(dtype).name))
-        return TorchNet(module, copy.deepcopy(self.optimizer) if dtype is None else None)
-
-
-# ---------------------------------------------------------------------- checks
-
-
-def _step(net, gradient):
-    if net.optimizer is None:
-        raise ValueError("optimizer: got None, step needs an SGD or Adam: give it to the network, or set net.optimizer")
-    net.optimizer.update(net.theta, gradient)
-
-
-def _check_optimizer(optimizer):
-    if optimizer is not None and not callable(getattr(optimizer, "update", None)):
-        raise ValueError(f"optimizer: got {optimizer!r}, must be an SGD or Adam")
-    return optimizer
-
-
-def _check_dtype(dtype):
-    if np.dtype(dtype) not in (np.float32, np.float64):
-        raise ValueError(f"dtype: got {dtype!r}, must be numpy.float32 or numpy.float64")
-    return np.dtype(dtype)
-
-
-def _check_gradient(theta, gradient, state):
-    shape = np.shape(gradient)
-    if shape != theta.shape or (state is not None and state.shape != shape):
-        raise ValueError(f"gradient: got shape {shape}, must be {theta.shape}, the same in every update")
-
-
-def _check_positive(name, value):
-    if not np.isscalar(value) or isinstance(value, str) or not 0 < value < np.inf:
-        raise ValueError(f"{name}: got {value!r}, must be a number above 0")
-    return float(value)
-
-
-def _check_decay(name, value):
-    if not np.isscalar(value) or isinstance(value, str) or not 0 <= value < 1:
-        raise ValueError(f"{name}: got {value!r}, must be a number in [0, 1)")
-    return float(value)
 
 
 def _check_finite(name, x):

@@ -1,0 +1,84 @@
+"""Steps that lower a cost: gradient descent, momentum, Adam; each acts on one flat parameter vector (chapter 6)."""
+
+import numpy as np
+
+
+class SGD:
+    """Gradient descent, with momentum if wanted; stochastic if the gradient is that of a minibatch. om-sgd
+
+    update(theta, gradient) changes theta in place: v <- momentum v + gradient, theta <- theta - lr v. lr may be
+    changed between updates. Source: Polyak (1964); Nielsen (2015), chapter 3.
+    """
+
+    def __init__(self, lr, momentum=0.0):
+        self.lr, self.momentum, self.v = check_positive("lr", lr), _check_decay("momentum", momentum), None
+
+    def update(self, theta, gradient):
+        _check_gradient(theta, gradient, self.v)
+        if self.momentum:
+            self.v = gradient + (0.0 if self.v is None else self.momentum * self.v)
+        theta -= self.lr * (self.v if self.momentum else gradient)  # eq-nn-27, eq-nn-28
+
+
+GradientDescent = SGD
+
+
+class Adam:
+    """Steps scaled by running means of the gradient and of its square.
+
+    update(theta, gradient) changes theta in place. Source: Kingma and Ba (2015), algorithm 1.
+    """
+
+    def __init__(self, lr=1e-3, beta1=0.9, beta2=0.999, eps=1e-8):
+        self.lr, self.eps = check_positive("lr", lr), check_positive("eps", eps)
+        self.beta1, self.beta2, self.t = _check_decay("beta1", beta1), _check_decay("beta2", beta2), 0
+        self.m = self.v = None
+
+    def update(self, theta, gradient):
+        _check_gradient(theta, gradient, self.m)
+        if self.m is None:
+            self.m, self.v, self._work = np.zeros_like(theta), np.zeros_like(theta), np.empty_like(theta)
+        m, v, work = self.m, self.v, self._work
+        self.t += 1
+        m += np.multiply(np.subtract(gradient, m, out=work), 1 - self.beta1, out=work)
+        v *= self.beta2
+        v += np.multiply(np.square(gradient, out=work), 1 - self.beta2, out=work)
+        unbias = (1 - self.beta2**self.t) ** 0.5  # of sqrt(v), moved to the numbers beside it: one pass less
+        np.sqrt(v, out=work)
+        work += self.eps * unbias
+        np.divide(m, work, out=work)
+        work *= self.lr * unbias / (1 - self.beta1**self.t)
+        theta -= work
+
+
+# ---------------------------------------------------------------------- checks
+
+
+def take_step(net, gradient):
+    if net.optimizer is None:
+        raise ValueError("optimizer: got None, step needs an SGD or Adam: give it to the network, or set net.optimizer")
+    net.optimizer.update(net.theta, gradient)
+
+
+def check_optimizer(optimizer):
+    if optimizer is not None and not callable(getattr(optimizer, "update", None)):
+        raise ValueError(f"optimizer: got {optimizer!r}, must be an SGD or Adam")
+    return optimizer
+
+
+def _check_gradient(theta, gradient, state):
+    shape = np.shape(gradient)
+    if shape != theta.shape or (state is not None and state.shape != shape):
+        raise ValueError(f"gradient: got shape {shape}, must be {theta.shape}, the same in every update")
+
+
+def check_positive(name, value):
+    if not np.isscalar(value) or isinstance(value, str) or not 0 < value < np.inf:
+        raise ValueError(f"{name}: got {value!r}, must be a number above 0")
+    return float(value)
+
+
+def _check_decay(name, value):
+    if not np.isscalar(value) or isinstance(value, str) or not 0 <= value < 1:
+        raise ValueError(f"{name}: got {value!r}, must be a number in [0, 1)")
+    return float(value)

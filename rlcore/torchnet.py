@@ -1,0 +1,71 @@
+"""A network of torch behind the interface of rlcore's own (chapters 6 to 8)."""
+
+import copy
+
+import numpy as np
+
+from rlcore.neurons import check_dtype
+from rlcore.optimizers import Adam, check_optimizer, take_step
+
+
+class TorchNet:
+    """Any torch module with the forward, backward, step and theta of `MLP`; autograd does the backward pass.
+
+    module: a torch.nn.Module from (d,) or (B, d) to outputs; its parameters become views of theta where it lives on the
+    CPU, and are read from theta before each forward pass where it does not. optimizer: as for `MLP`; lr: short for
+    Adam(lr).
+    """
+
+    def __init__(self, module, optimizer=None, lr=None):
+        import torch
+
+        self._torch, self.module = torch, module
+        self.optimizer = Adam(lr) if optimizer is None and lr is not None else check_optimizer(optimizer)
+        self._parameters = list(module.parameters())
+        if len({p.dtype for p in self._parameters}) != 1:
+            raise ValueError("module: its parameters must be of one dtype, and at least one")
+        self._flat = torch.cat([p.detach().reshape(-1) for p in self._parameters])
+        for p, part in zip(self._parameters, self._flat.split([p.numel() for p in self._parameters])):
+            p.data = part.view_as(p)
+        self.theta, self._outputs = self._flat.cpu().numpy(), None
+
+    @classmethod
+    def like(cls, mlp):
+        """The twin of an MLP: same layers, same parameters, a copy of its optimizer."""
+        import torch
+
+        layer = {"sigmoid": torch.nn.Sigmoid, "relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "linear": torch.nn.Identity}
+        modules = []
+        for w, b in zip(mlp.weights, mlp.biases):
+            linear = torch.nn.Linear(*w.shape[::-1], dtype=getattr(torch, w.dtype.name))
+            linear.weight.data[:], linear.bias.data[:] = torch.from_numpy(w), torch.from_numpy(b)
+            modules += [linear, layer[mlp.hidden if len(modules) < 2 * len(mlp.weights) - 2 else mlp.output]()]
+        return cls(torch.nn.Sequential(*modules), copy.deepcopy(mlp.optimizer))
+
+    @property
+    def n_parameters(self):
+        return self.theta.size
+
+    def forward(self, x):
+        if self._flat.device.type != "cpu":
+            self._flat.copy_(self._torch.from_numpy(self.theta))
+        x = self._torch.as_tensor(np.asarray(x, self.theta.dtype), device=self._flat.device)
+        self._outputs = self.module(x)
+        return self._outputs.detach().cpu().numpy()
+
+    def backward(self, d_outputs):
+        if self._outputs is None or np.shape(d_outputs) != tuple(self._outputs.shape):
+            raise ValueError(f"d_outputs: got shape {np.shape(d_outputs)}, must be that of the outputs of forward")
+        d = self._torch.as_tensor(np.asarray(d_outputs, self.theta.dtype), device=self._flat.device)
+        options = dict(retain_graph=True, allow_unused=True, materialize_grads=True)
+        parts = self._torch.autograd.grad(self._outputs, self._parameters, d, **options)
+        return self._torch.cat([part.reshape(-1) for part in parts]).cpu().numpy()
+
+    def step(self, gradient):
+        take_step(self, gradient)
+
+    def copy(self, dtype=None):
+        module = copy.deepcopy(self.module)
+        if dtype is not None:
+            module = module.to(getattr(self._torch, check_dtype(dtype).name))
+        return TorchNet(module, copy.deepcopy(self.optimizer) if dtype is None else None)
