@@ -23,6 +23,8 @@ PAGES = (  # the last equation of each chapter that numbers any
     (41, "05_eligibility_traces"),
 )
 
+PAGES_AGAIN = {"nn": "06_neural_networks", "rf": "07_reinforce"}  # the document numbers from 20 a second time
+
 
 def write(chapters, folder):
     """Write the notebook of every chapter module into `folder`; returns the paths."""
@@ -40,8 +42,9 @@ def build(module):
     prefix = module.__name__.rpartition(".")[2].split("_")[0]
     mine = [exercise for id, exercise in EXERCISES.items() if id.startswith(prefix + "-")]
     cells = [_markdown(_head(module, mine)), _code(_setup(mine))]
+    labels = {**KIND, **getattr(module, "LABELS", {})}
     for number, exercise in enumerate(mine, 1):
-        cells.append(_markdown(_statement(exercise, number)))
+        cells.append(_markdown(_statement(exercise, number, labels[exercise.kind])))
         cells.append(_code(exercise.stub))
         verdict = Verdict("not attempted", f"write your answer in `{exercise.name}`, then run the check again")
         cells.append(_code(f'check("{exercise.id}", {exercise.name})', str(verdict), tag=f"check-{exercise.id}"))
@@ -78,14 +81,14 @@ def _setup(exercises):
     return "\n".join([*lines, "", "from rlcore.exercises import check, hint, solution"])
 
 
-def _statement(exercise, number):
+def _statement(exercise, number, label):
     covers = ", ".join(f"`{id}`" for id in exercise.covers)
     minutes = "1 minute" if exercise.minutes == 1 else f"{exercise.minutes} minutes"
     return f"""<span id="{exercise.id}"></span>
 
 ## {number}. {exercise.title}
 
-*{KIND[exercise.kind].capitalize()}; about {minutes}; {covers}.*
+*{label.capitalize()}; about {minutes}; {covers}.*
 
 {_with_links(exercise.statement)}"""
 
@@ -94,10 +97,11 @@ def _with_links(text):
     """Equation references as links that a notebook and the page both understand."""
 
     def link(found):
-        page = next(page for last, page in PAGES if int(found[1]) <= last)
-        return f"[equation ({found[1]})](../{page}.ipynb)"
+        series, number = found.groups()
+        page = PAGES_AGAIN[series] if series else next(page for last, page in PAGES if int(number) <= last)
+        return f"[equation ({number})](../{page}.ipynb)"
 
-    return re.sub(r"\{eq\}`eq-(\d+)`", link, text)
+    return re.sub(r"\{eq\}`eq-(?:(nn|rf)-)?(\d+)`", link, text)
 
 
 def _folded(exercise):
