@@ -149,8 +149,8 @@ Exercise(
             "the weight is missing: the weighted input, not the input, has to reach -b",
         ),
         Wrong(
-            "positions = np.abs(np.array([-5, -20, -20, 20]) + 1) / np.array([30, 30, 110, 50])",
-            "this is not where the output is one half: there the weighted input plus bias is 0, not 1",
+            "positions = np.array([1 / 6, 2 / 3, 2 / 11, -0.4])",
+            "the last weight is negative, too: -20 / -50 is 0.4; this neuron steps down there",
         ),
     ),
     minutes=2,
@@ -167,7 +167,7 @@ Exercise(
     kind="fill in",
     title="A layer, for a whole batch",
     statement=r"""
-        {eq}`eq-nn-30` gives the activations of a layer for one sample. Write it for a batch with a sample a row: `w` is `(m, n)`, `b` is `(m,)`, `x` is
+        The activations of a layer are those of {eq}`eq-nn-30` for one sample. Write them for a batch with a sample a row: `w` is `(m, n)`, `b` is `(m,)`, `x` is
         `(B, n)`, and the result `(B, m)`. The neurons are sigmoid neurons; `sigmoid` is imported.
     """,
     setup=WITH_SIGMOID,
@@ -543,10 +543,10 @@ BACKPROP = """
 Exercise(
     id="ch06-bug-slope",
     kind="find the bug",
-    title="It learns, but not downhill",
+    title="It learns, but not by the gradient",
     statement=r"""
         Backpropagation of one sample through a network with one hidden layer, sigmoid neurons and the quadratic cost; the four gradients come in the order
-        `w1`, `b1`, `w2`, `b2`. Shapes fit, the cost falls during training, yet a comparison with finite differences says that
+        `w1`, `b1`, `w2`, `b2`. Shapes fit and the cost usually falls during training, yet a comparison with finite differences says that
         every gradient is wrong. Compare the lines with {eq}`eq-nn-34` and {eq}`eq-nn-35`, and mend it.
     """,
     setup=WITH_SIGMOID,
@@ -1453,7 +1453,7 @@ Exercise(
     wrong=(
         Wrong(
             RELU.replace('"confirmed" if powers[1] > -1 > powers[2] else "refuted"', '"confirmed"'),
-            "the numbers are right: the quarter is 0 on the same half, and its gradient vanishes all the same; it is the slope 1 that matters",
+            "the numbers are right: the quarter is 0 on the same half, and its gradient vanishes all the same; what matters is the slope where it is not 0",
         ),
         Wrong(
             RELU.replace("(0, 0.25), (-1, 1))", "(-1, 1), (0, 0.25))"),
