@@ -10,9 +10,9 @@ POT, BET = 2.0, 1.0
 
 
 def bluff_values(x, y):
-    """Expected gain of the bettor, who bluffs with probability x against a caller who calls with probability y. ex-bluff
+    """Expected gain of the bettor, who bluffs with probability x while the other calls with probability y. ex-bluff
 
-    The pot is 2, the bet 1. The bettor holds the better hand half of the time, and then bets; holding the worse, it bets
+    The pot is 2, the bet 1. The bettor has the better hand half of the time, and then bets; with the worse it bets
     (bluffs) or checks and loses the pot. Equilibrium: x = 1/3, y = 2/3, value 4/3. x, y: numbers or arrays in [0, 1].
     Source: von Neumann and Morgenstern (1944), chapter 19, in spirit.
     """
