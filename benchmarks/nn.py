@@ -4,8 +4,8 @@
     python benchmarks/nn.py --quick     fewer rounds and seeds, nothing written
 
 All run in one process with one thread and take turns; CPU time. A step is forward, backward and Adam of a policy
-4-64-64-2 and a value 4-64-64-1, minibatch 64, float32; the least time of all rounds counts, each round a few steps long,
-so that a busy machine disturbs few of them. Digits: 1,347 pictures of 8x8 for training, 450 for testing, the same split
+4-64-64-2 and a value 4-64-64-1, minibatch 64, float32; the least time of all rounds counts, each a few steps long, so
+that a busy machine disturbs few of them. Digits: 1,347 pictures of 8x8 for training, 450 for testing, the same split
 for all who take part in a round; median time and mean accuracy over the seeds.
 """
 
