@@ -1,5 +1,7 @@
 """Exercises of chapter 6: neurons, layers, backpropagation and gradient descent."""
 
+from functools import cache
+
 import numpy as np
 
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
@@ -1477,6 +1479,7 @@ Exercise(
 )
 
 
+@cache
 def _depth_costs():
     x = np.linspace(0, 1, 21)[:, None]
     costs = []
@@ -1484,7 +1487,7 @@ def _depth_costs():
         rng = np.random.default_rng(0)
         net = MLP([1, *[16] * depth, 1], hidden="sigmoid", optimizer=SGD(0.5), dtype=np.float64, rng=rng)
         costs.append(float(sgd(net, x, np.cos(x) ** 2 + x, batch=None, epochs=400, rng=rng)[-1]))
-    return costs
+    return tuple(costs)
 
 
 DEPTH = """
