@@ -149,11 +149,12 @@ def main():
             last = np.mean([returns[-100:].mean() for _, returns in runs])
             rows.append((name, np.median([t for t, _ in runs]), f"last 100 episodes {last:.1f}"))
             print(*rows[-1], flush=True)
-    where = [datetime.date.today(), platform.machine(), f"numpy {version('numpy')}, torch {version('torch')}"]
+    where = [str(datetime.date.today()), platform.machine(), f"numpy {version('numpy')}, torch {version('torch')}"]
+    new = {name: [name, f"{seconds:.3g}", outcome, *where] for name, seconds, outcome in rows}
+    old = {row[0]: row for row in csv.reader(RESULTS.open())} if RESULTS.exists() else {}
+    table = {"job": ["job", "cpu_seconds_median", "outcome", "date", "machine", "versions"]} | old | new
     with RESULTS.open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["job", "cpu_seconds_median", "outcome", "date", "machine", "versions"])
-        table.writerows([name, f"{seconds:.3g}", outcome, *where] for name, seconds, outcome in rows)
+        csv.writer(file).writerows(table.values())
 
 
 if __name__ == "__main__":
