@@ -46,7 +46,8 @@ OF_TD = "fixed_point or average_to_state or errors_of or random_walk or share_on
 OF_TD += " or in_an_environment or by_episode_or_by_step or never_explores or bits"
 TOO_SLOW = {  # interpreted, these take seconds or a minute each: left out, which can only make a mutant survive
     "_solve": "memory or 0.9999 or without_numba or does_not_forget or long_corridor",
-    "planning": "real_steps or steps_per_episode or converges_to_the_optimum or behaviour_at_random or bonus or root_n",
+    "planning": "real_steps or steps_per_episode or converges_to_the_optimum or behaviour_at_random or bonus or root_n "
+    "or plain_python or reinforce or recorded_actions",
     "td": OF_TD,
     "episodes": OF_TD,
 }
