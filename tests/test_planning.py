@@ -432,6 +432,16 @@ def test_replay_starts_from_the_first_estimates():
     np.testing.assert_allclose(replay(data, 2, 2, 0.8, alpha=0.5, Q0=1), [[1.0, 1.35], [0.76, 1.0]], atol=1e-15)
 
 
+def test_replay_of_nothing_and_of_one_bad_row():
+    nothing = Transitions(*(np.zeros(0, kind) for kind in (int, int, float, int)))
+    assert replay(nothing, 2, 3, 0.8, alpha=0.5, Q0=0.25).tolist() == [[0.25] * 3] * 2
+    for column in (0, 1, 3):
+        rows = np.zeros((4, 2), int)
+        rows[column, 0] = 2
+        with pytest.raises(ValueError, match="^data:"):
+            replay(Transitions(*rows), 2, 2, 0.8, alpha=0.5)
+
+
 # ---------------------------------------------------------------------- predictions
 
 
