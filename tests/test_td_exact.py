@@ -1,5 +1,7 @@
 """The learners of td.py and the batches of episodes.py on episodes that are written down, against a few plain lines."""
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -92,6 +94,7 @@ def test_means_of_pairs(first_visit):
         history.append([[np.mean(G_of.get((s, a), 0.0)) for a in range(2)] for s in range(3)])
     close(run.history, history)
     close(run.Q, history[-1])
+    np.testing.assert_array_equal(run.policy, pi)
     assert len(G_of) == 4 and run.V is None and run.lengths.tolist() == [3, 2, 3, 3] * 3
     assert run.returns.tolist() == [7, 22, 6, 0] * 3
     run.history[:] = 9
@@ -200,6 +203,7 @@ def test_td0_by_hand():
     run = td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, V0=[0.0, 1.0, 7.0], rng=rng())
     close(run.V, [2.375, 1.6875, 7.0])
     close(run.history, [[0, 1, 7], [2.375, 1.6875, 7.0]])
+    close(td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, rng=rng()).history, [[0, 0, 0], [2.25, 1.125, 0]])
 
 
 def test_terminal_states_are_worth_0_in_a_process_whose_groups_hold_them():
@@ -208,6 +212,9 @@ def test_terminal_states_are_worth_0_in_a_process_whose_groups_hold_them():
     close(run.history, [[8, 8, 0], [7, 6, 0], [6, 5, 0]])
     close(run.V, [6, 5, 0])
     close(td0(mdp, ONE, GAMMA, 1, alpha=0.5, V0=[8.0, 8.0, 8.0], rng=rng()).history, [[8, 8, 0], [7, 6, 0]])
+    mdp = FiniteMDP.from_outcomes({(1, 0): [(1.0, 2, 2.0)], (2, 0): [(1.0, 0, 4.0)]}, start=1)
+    run = td0(mdp, ONE, GAMMA, 1, alpha=0.5, V0=8.0, groups=[1, 0, 0], rng=rng())
+    close(run.history, [[0, 8, 8], [0, 5.5, 5.5]])  # 8 + (2 + 4 - 8) / 2 = 7, 7 + (4 - 7) / 2; state 0 ends
 
 
 @pytest.mark.parametrize("groups", [[0, 1], [[0, 1, 0]], [0, 1, -1], [0.0, 1.0, 1.0]])
@@ -319,6 +326,26 @@ def test_no_limit_is_needed_where_random_actions_end_every_episode(learn):
         assert learn(trap, GAMMA, 2, pi=left, **options).returns.tolist() == [1, 1]
         with pytest.raises(ValueError, match="^max_steps"):
             learn(stay, GAMMA, 2, pi=np.where(uniform_policy(stay) == 0.5, right, uniform_policy(stay)), **options)
+
+
+PREDICTION = [partial(mc_prediction, max_steps=9), partial(constant_alpha_mc, alpha=0.5), partial(td0, alpha=0.5)]
+CONTROL = [partial(learn, alpha=0.5, epsilon=0.5) for learn in (sarsa, expected_sarsa, q_learning)]
+LEARNERS = [partial(learn, pi=[[1.0]] * 3) for learn in [*PREDICTION, partial(sarsa, alpha=0.5)]] + CONTROL
+BAD = [("gamma", 1.5), ("gamma", -0.5), ("n_episodes", 0), ("n_episodes", 1.5), ("rng", None), ("rng", 0)]
+BAD += [("max_steps", 0), ("record", -1), ("record", 0.5), ("alpha", 0), ("epsilon", -1), ("pi", [[1.0]])]
+
+
+@pytest.mark.parametrize("learn", LEARNERS)
+def test_results_are_arrays_and_settings_are_checked(learn):
+    good = dict(world=Script([FIRST] * 2, 3), gamma=0.5, n_episodes=2, rng=rng())
+    run = learn(**good)
+    assert run.lengths.dtype == np.int64 and run.returns.dtype == run.history.dtype == run.policy.dtype == np.float64
+    assert run.policy.shape == (3, 1) and run.returns.shape == run.lengths.shape == (2,)
+    names = {*learn.keywords, *learn.func.__kwdefaults__, *good}
+    for name, value in BAD:
+        if name in names and (name in learn.keywords or name not in ("pi", "epsilon")):
+            with pytest.raises(ValueError, match=f"^{name}: "):
+                learn(**good | {name: value})
 
 
 # ---------------------------------------------------------------------- batches
