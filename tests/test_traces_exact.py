@@ -1,5 +1,7 @@
 """The learners of returns.py and traces.py on episodes that are written down, against a few plain lines."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from test_td_exact import FIRST, LOOSE, ONE, SECOND, THIRD, Script, close, rng
@@ -309,6 +311,31 @@ def test_no_limit_is_needed_where_random_actions_end_every_episode(learn):
     trap = FiniteMDP.from_outcomes(stay | {(0, 1): [(1.0, 1, 0.0)], (1, 1): [(1.0, 1, 0.0)]}, start=0, n_states=3)
     with pytest.raises(ValueError, match="^max_steps: got None"):
         learn(trap, 0.5, 0.5, 2, alpha=0.5, epsilon=0.5, rng=rng())
+
+
+LEARNERS = [partial(f, pi=ONE, lam=0.5, alpha=0.5) for f in (td_lambda, true_online_td_lambda, offline_lambda_return)]
+LEARNERS += [partial(n_step_td, pi=ONE, n=2, alpha=0.5)]
+LEARNERS += [partial(f, lam=0.5, alpha=0.5, epsilon=0.5) for f in (sarsa_lambda, watkins_q_lambda)]
+
+
+@pytest.mark.parametrize("learn", LEARNERS)
+def test_results_are_arrays(learn):
+    run = learn(Script([FIRST] * 2, 3), gamma=0.5, n_episodes=2, rng=rng())
+    assert run.lengths.dtype == np.int64 and run.returns.dtype == run.history.dtype == run.policy.dtype == np.float64
+    assert run.policy.shape == (3, 1) and run.returns.shape == run.lengths.shape == (2,)
+    assert run.V.shape == (3,) and len(run.history) == 3
+
+
+@pytest.mark.parametrize("learn", [td_lambda, true_online_td_lambda, sarsa_lambda, watkins_q_lambda])
+def test_traces_that_become_0_while_all_are_listed(learn):
+    """gamma = 1e-200: two steps later a trace is 0, and V(s) has gone half of the way to the reward, each time."""
+    episode = ([0, 1, 2, 0, 1, 2, 2, 0, 1], [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0], "end")
+    options = dict(pi=ONE) if learn in (td_lambda, true_online_td_lambda) else dict(epsilon=0.0)
+    run = learn(Script([episode] * 2, 3), gamma=1e-200, lam=1.0, n_episodes=2, alpha=0.5, rng=rng(), **options)
+    V = np.zeros(3)
+    for s, r in [*zip(episode[0], episode[1])] * 2:
+        V[s] += (r - V[s]) / 2
+    close(run.V, V)
 
 
 # ---------------------------------------------------------------------- targets and traces
