@@ -40,7 +40,7 @@ TESTS = {  # in the order in which they are most likely to notice
     "episodes": "test_td_exact test_td",
     "returns": "test_traces_exact test_traces",
     "traces": "test_traces_exact test_traces",
-    "measure": "test_measure",
+    "measure": "test_measure test_td_exact",
 }
 OF_TD = "fixed_point or average_to_state or errors_of or random_walk or share_one or windy or not_met or gymnasium"
 OF_TD += " or in_an_environment or by_episode_or_by_step or never_explores or bits"

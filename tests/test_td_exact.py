@@ -6,8 +6,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from rlcore.dp import value_iteration
 from rlcore.experience import decaying
-from rlcore.mdp import FiniteMDP, cumulative, draw, uniform_policy
+from rlcore.mdp import FiniteMDP, Trajectory, cumulative, draw, uniform_policy
+from rlcore.measure import backups_per_second, first_updates, repeat, squared_error, walk_error, with_random_actions
 from rlcore.tabular import epsilon_greedy, soft_greedy
 from rlcore.td import (
     batch_mc,
@@ -410,3 +412,65 @@ def test_bad_episodes(episodes, message):
     for estimate in (batch_mc, batch_td, certainty_equivalence):
         with pytest.raises(ValueError, match=f"^episodes: {message}"):
             estimate(episodes, 4, GAMMA)
+
+
+# ---------------------------------------------------------------------- measures
+
+
+def test_backups_of_value_iteration_in_two_seconds(monkeypatch):
+    """One state that earns 1 - gamma = 0.1 for ever: sweep k changes V by 0.1 0.9^(k - 1), below 1e-3 when k = 45."""
+    mdp, clock = FiniteMDP.from_outcomes({(0, 0): [(1.0, 0, 0.1)]}), iter([10.0, 12.0])
+    monkeypatch.setattr("rlcore.measure.time.perf_counter", lambda: next(clock))
+    sweeps = value_iteration(mdp, 0.9, tol=1e-3).n_iter
+    assert backups_per_second(mdp) == sweeps / 2 and sweeps == 45
+
+
+def test_repeated_runs_have_generators_of_their_own():
+    mdp = FiniteMDP.from_outcomes({(0, 0): [(0.5, 0, 1.0), (0.5, 1, 2.0)]}, start=0, n_states=2)
+    for seed, found in (
+        (0, repeat(td0, mdp, np.ones((2, 1)), 0.5, 9, alpha=0.5, n_runs=3)),
+        (4, repeat(td0, mdp, np.ones((2, 1)), 0.5, 9, alpha=0.5, n_runs=3, seed=4)),
+    ):
+        runs = [td0(mdp, np.ones((2, 1)), 0.5, 9, alpha=0.5, rng=g) for g in rng(seed).spawn(3)]
+        assert [run.returns.tolist() for run in found] == [run.returns.tolist() for run in runs]
+    with pytest.raises(ValueError, match="^n_runs"):
+        repeat(td0, mdp, n_runs=0)
+
+
+@pytest.mark.parametrize("V, truth", [(3.0, [1.0]), ([1.0, 2.0, 3.0], 2.0), ([1.0, 2.0, 3.0, 4.0], [1.0])])
+def test_walks_that_do_not_fit(V, truth):
+    with pytest.raises(ValueError, match="^V: got shape"):
+        walk_error(V, truth)
+    assert walk_error([9.0, 1.0, 2.0, 9.0], [4.0, 6.0]) == pytest.approx(12.5**0.5)
+
+
+def test_squared_error_by_hand():
+    """G = 3, 4, 4 against V = 1, 2, 1 in states 0, 1, 0."""
+    pair = ([0, 1, 0, 2], [1.0, 2.0, 4.0])
+    tau = Trajectory(np.array(pair[0]), np.zeros(3, int), np.array(pair[1]), True)
+    for episode in (pair, tau):
+        assert squared_error(np.array([1.0, 2.0, 9.0]), [episode] * 2, 0.5) == 2 * (4 + 4 + 9)
+
+
+def test_first_updates_by_hand():
+    """States 0, 1, 2 in a row, one action; rewards 2 and 4."""
+    mdp = FiniteMDP.from_outcomes({(0, 0): [(1.0, 1, 2.0)], (1, 1): [(1.0, 2, 4.0)]}, start=0, n_states=3)
+    rows = first_updates(q_learning, mdp, 0.5, 2, alpha=0.5, epsilon=0.0)
+    assert rows == [(0, 0, 1, 0.0, 1.0), (1, 1, -1, 0.0, 2.0)] and rows[0]._fields == ("s", "a", "s_next", "old", "new")
+    two = FiniteMDP.from_outcomes({(0, a): [(1.0, 0, 1.0 + a)] for a in range(9)})
+    for seed in range(3):
+        actions = [row.a for row in first_updates(sarsa, two, 0.5, 9, alpha=0.5, epsilon=1.0, seed=seed)]
+        assert len(set(actions)) > 3 and len(actions) == 9
+    same = [first_updates(sarsa, two, 0.5, 9, alpha=0.5, epsilon=1.0, **seed) for seed in ({}, dict(seed=0))]
+    assert same[0] == same[1] != first_updates(sarsa, two, 0.5, 9, alpha=0.5, epsilon=1.0, seed=1)
+
+
+def test_random_actions_by_hand():
+    """epsilon = 1/2, two actions in state 0: 3/4 of the chosen one, 1/4 of the other; one action in state 1."""
+    moves = {(0, 0): [(1.0, 1, 4.0)], (0, 1): [(1.0, 2, 8.0)], (1, 0): [(1.0, 0, 2.0)]}
+    world = with_random_actions(FiniteMDP.from_outcomes(moves, start=[0.25, 0.75, 0.0], n_states=3), 0.5)
+    close(world.transition_probs()[0], [[0, 0.75, 0.25], [0, 0.25, 0.75]])
+    close(world.transition_probs()[1, 0], [1, 0, 0])
+    close(world.expected_reward()[[0, 0, 1], [0, 1, 0]], [5, 7, 2])
+    assert world.legal[:2].tolist() == [[True, True], [True, False]] and world.terminal.tolist() == [False, False, True]
+    close(world.start, [0.25, 0.75, 0])
