@@ -125,7 +125,7 @@ def moved_to_returns(episodes, V, alpha, first_visit, history):
 
 
 @pytest.mark.parametrize("first_visit", [True, False])
-@pytest.mark.parametrize("record", [0, 1, 2])
+@pytest.mark.parametrize("record", [0, 1, 3])
 def test_constant_alpha_on_four_episodes(first_visit, record):
     V0 = [1.0, -2.0, 10.0]
     for alpha, rate in (
@@ -174,7 +174,7 @@ def test_constant_alpha_on_a_long_episode(first_visit):
 # ---------------------------------------------------------------------- TD(0)
 
 
-@pytest.mark.parametrize("record", [0, 1, 2])
+@pytest.mark.parametrize("record", [0, 1, 3])
 @pytest.mark.parametrize("groups", [None, [0, 1, 1, 2], [1, 0, 0, 1]])
 def test_td0_on_four_episodes(record, groups):
     goes = np.arange(4) if groups is None else np.array(groups)

@@ -33,7 +33,7 @@ from rlcore.traces import (
 
 GAMMA, LAM, ALPHA = 0.5, 0.75, 0.25
 FOURTH = ([0, 1, 0, 1, 2, 0, 1, 1], [1.0, -1.0, 2.0, 0.5, 4.0, -3.0, 2.0], "end")
-EPISODES = [FIRST, THIRD, LOOSE, FOURTH, SECOND, FIRST]
+EPISODES = [SECOND, FIRST, THIRD, LOOSE, FOURTH, FIRST]
 KEEP = {"accumulating": 1.0, "dutch": 1 - ALPHA, "replacing": 0.0}
 V0 = np.array([1.0, -2.0, 10.0])
 
@@ -69,7 +69,7 @@ def values_of(V, states, goes_on):
 
 
 @limits
-@pytest.mark.parametrize("record", [1, 2, 0])
+@pytest.mark.parametrize("record", [1, 4, 0])
 @pytest.mark.parametrize("online", [True, False])
 @pytest.mark.parametrize("trace", TRACES)
 def test_td_lambda_on_six_episodes(max_steps, record, online, trace):
@@ -107,7 +107,7 @@ def test_td_lambda_by_hand():
 
 
 @limits
-@pytest.mark.parametrize("record", [1, 2, 0])
+@pytest.mark.parametrize("record", [1, 4, 0])
 @pytest.mark.parametrize("lam", [0.0, 0.75, 1.0])
 def test_true_online_td_lambda_on_six_episodes(max_steps, record, lam):
     """Its V at the end of an episode is that of all lambda-returns, each from the V of its own time."""
@@ -147,7 +147,7 @@ def test_true_online_td_lambda_by_hand():
 
 
 @limits
-@pytest.mark.parametrize("record", [1, 2, 0])
+@pytest.mark.parametrize("record", [1, 4, 0])
 @pytest.mark.parametrize("online", [True, False])
 @pytest.mark.parametrize("n", [1, 2, 3, 9])
 def test_n_step_td_on_six_episodes(max_steps, record, online, n):
@@ -173,7 +173,7 @@ def test_n_step_td_by_hand():
 
 
 @limits
-@pytest.mark.parametrize("record", [1, 2, 0])
+@pytest.mark.parametrize("record", [1, 4, 0])
 @pytest.mark.parametrize("reading", ["in order", "summed", "recomputed"])
 def test_offline_lambda_return_on_six_episodes(max_steps, record, reading):
     options = dict(alpha=ALPHA, reading=reading, V0=V0, max_steps=max_steps, record=record, rng=rng())
