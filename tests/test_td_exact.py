@@ -215,7 +215,7 @@ def test_terminal_states_are_worth_0_in_a_process_whose_groups_hold_them():
     close(run.V, [6, 5, 0])
     close(td0(mdp, ONE, GAMMA, 1, alpha=0.5, V0=[8.0, 8.0, 8.0], rng=rng()).history, [[8, 8, 0], [7, 6, 0]])
     mdp = FiniteMDP.from_outcomes({(1, 0): [(1.0, 2, 2.0)], (2, 0): [(1.0, 0, 4.0)]}, start=1)
-    run = td0(mdp, ONE, GAMMA, 1, alpha=0.5, V0=8.0, groups=[1, 0, 0], rng=rng())
+    run = td0(mdp, ONE, GAMMA, 1, alpha=0.5, V0=8, groups=[1, 0, 0], rng=rng())
     close(run.history, [[0, 8, 8], [0, 5.5, 5.5]])  # 8 + (2 + 4 - 8) / 2 = 7, 7 + (4 - 7) / 2; state 0 ends
 
 

@@ -8,6 +8,7 @@ from test_td_exact import FIRST, LOOSE, ONE, SECOND, THIRD, Script, close, rng
 from worlds import chain, loop
 
 from rlcore.mdp import FiniteMDP
+from rlcore.returns import lambda_returns
 from rlcore.tabular import epsilon_greedy, soft_greedy
 from rlcore.traces import (
     TRACES,
@@ -355,6 +356,11 @@ def test_returns_by_hand():
     close(complex_backup(REWARDS, VALUES, 0.5, {1: 0.25, 3: 0.75}), np.array(one) / 4 + 0.75 * np.array(three))
     close(complex_backup(REWARDS, VALUES, 0.5, {2: 1}), two)
     close(lambda_return(REWARDS, VALUES, 0.5, 0.25), [1 + (12 + 18.5 / 4) / 2, 2 + (24 + 36 / 4) / 2, 36])
+
+
+def test_lambda_returns_are_0_before_the_first_that_is_asked_for():
+    found = [lambda_returns(np.array(REWARDS), np.array(VALUES), 0.5, 0.25, first).tolist() for first in (1, 2)]
+    assert found == [[0, 18.5, 36], [0, 0, 36]]
 
 
 def test_weights_by_hand():
