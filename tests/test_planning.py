@@ -693,3 +693,13 @@ def test_illegal_actions_stay_out():
     assert run.Q[0, 2] == -np.inf and np.isfinite(run.Q[1]).all() and run.policy[0, 2] == 0
     assert run.model.legal.tolist() == robot.legal.tolist()
     deterministic_policy(robot, run.policy.argmax(axis=1))
+
+
+@pytest.mark.parametrize("column", ["s", "a", "s_next"])
+def test_negative_states_and_actions_of_data_are_refused(column):
+    rows = {"s": [0], "a": [0], "r": [1.0], "s_next": [1]} | {column: [-1]}
+    data = Transitions(*(np.array(rows[name]) for name in ("s", "a", "r", "s_next")))
+    with pytest.raises(ValueError, match=f"^data: {column} runs from -1 to -1, must be in 0..1"):
+        replay(data, 2, 2, 0.9, alpha=0.1)
+    with pytest.raises(ValueError):
+        estimate_model(data, 2, 2)
