@@ -92,7 +92,7 @@ def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=
     rows = Counter(zip(data.s.tolist(), data.a.tolist(), data.s_next.tolist(), data.r.tolist()))
     outcomes = defaultdict(list)
     for (s, a, s_next, r), count in rows.items():
-        if s in terminal or s >= S or a >= A or not legal[s, a]:
+        if s in terminal or not 0 <= s < S or not 0 <= a < A or not legal[s, a]:
             raise ValueError(f"data: got action {a} in state {s}, must be legal and the state not terminal")
         outcomes[s, a].append((count, s_next, r))
     model = {}
@@ -221,8 +221,9 @@ def replay(data, n_states, n_actions, gamma, *, alpha, Q0=0.0):
     with Q0 = 0 terminal states count 0.
     """
     shape = check_count("n_states", n_states), check_count("n_actions", n_actions)
-    if data.s.size and (max(data.s.max(), data.s_next.max()) >= shape[0] or data.a.max() >= shape[1]):
-        raise ValueError(f"data: got a state or action outside {shape}, must be below n_states and n_actions")
+    for name, index, n in (("s", data.s, shape[0]), ("a", data.a, shape[1]), ("s_next", data.s_next, shape[0])):
+        if index.size and not 0 <= index.min() <= index.max() < n:
+            raise ValueError(f"data: {name} runs from {index.min()} to {index.max()}, must be in 0..{n - 1}")
     Q = np.full(shape, float(Q0))
     _replay(data.s, data.a, data.r, data.s_next, check_gamma(gamma), check_rate(alpha), Q)
     return Q

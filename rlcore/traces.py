@@ -8,7 +8,7 @@ from rlcore.compiled import compiled
 from rlcore.experience import act, check_max_steps, reset, run_loop, spaces
 from rlcore.mdp import as_floats, as_integers, check_count, check_gamma, check_probability, check_rng, cumulative, draw
 from rlcore.results import Run
-from rlcore.returns import (  # noqa: F401
+from rlcore.returns import (
     books,
     check_prediction,
     complex_backup,
@@ -24,6 +24,23 @@ from rlcore.returns import (  # noqa: F401
 )
 from rlcore.tabular import check_q0, check_rate, epsilon_greedy, max_value, soft_greedy
 
+__all__ = [
+    "backward_increments",
+    "complex_backup",
+    "error_reduction",
+    "forward_increments",
+    "lambda_return",
+    "lambda_weights",
+    "n_step_return",
+    "n_step_td",
+    "offline_lambda_return",
+    "sarsa_lambda",
+    "td_lambda",
+    "trace_course",
+    "trace_update",
+    "true_online_td_lambda",
+    "watkins_q_lambda",
+]
 TRACES = ("accumulating", "dutch", "replacing")
 
 

@@ -25,8 +25,9 @@ from rlcore.envs import (
     recycling_robot,
     two_state_mdp,
 )
-from rlcore.mdp import deterministic_policy, uniform_policy
+from rlcore.mdp import FiniteMDP, deterministic_policy, draw, step, uniform_policy
 from rlcore.planning import (
+    PlanningRun,
     Transitions,
     certainty_equivalent_control,
     dyna_q,
@@ -62,6 +63,43 @@ def lengths(n_planning, n_runs, n_episodes=20):
             for child in rng(0).spawn(n_runs)
         ]
     )
+
+
+def small_world(bonus=0.0):
+    """Four states, the last one terminal; state 2 has only action 1. Every reward is raised by bonus."""
+    outcomes = {
+        (0, 0): [(0.5, 0, 1), (0.5, 1, 2)],
+        (0, 1): [(1, 2, -1)],
+        (1, 0): [(1, 0, 3)],
+        (1, 1): [(0.7, 3, 1), (0.3, 2, 0)],
+        (2, 1): [(0.6, 3, 5), (0.4, 1, -2)],
+    }
+    outcomes = {pair: [(p, s, r + bonus) for p, s, r in rows] for pair, rows in outcomes.items()}
+    return FiniteMDP.from_outcomes(outcomes, n_states=4, start=[0.3, 0.7, 0.0, 0.0])
+
+
+def dictionary_dyna(first, later, change, n_episodes, n_planning, alpha, epsilon, kappa, gamma, max_steps, Q, rng):
+    """Dyna-Q written anew: what it remembers is {s: {a: (reward, s', step)}}, and dictionaries keep their order."""
+    table, now, returns, lengths, history = {}, 0, [], [], [Q.copy()]
+    for _ in range(n_episodes):
+        s, G, n = draw(first.sampler().start_cdf, rng), 0.0, 0
+        while s != 3 and n < max_steps:
+            a = epsilon_greedy(Q, s, epsilon, rng)
+            s_next, r = step((later if now >= change else first).sampler(), s, a, rng)
+            Q[s, a] = (1 - alpha) * Q[s, a] + alpha * (r + gamma * Q[s_next].max())
+            if kappa > 0:
+                for b in np.flatnonzero(first.legal[s]):
+                    table.setdefault(s, {}).setdefault(b, (0.0, s, 0))
+            table.setdefault(s, {})[a] = (r, s_next, now)
+            s, G, n, now = s_next, G + r, n + 1, now + 1
+            for _ in range(n_planning):
+                i = list(table)[int(rng.random() * len(table))]
+                b = list(table[i])[int(rng.random() * len(table[i]))]
+                r, j, tried = table[i][b]
+                target = r + kappa * (now - tried) ** 0.5 + gamma * Q[j].max()
+                Q[i, b] = (1 - alpha) * Q[i, b] + alpha * target
+        returns, lengths, history = [*returns, G], [*lengths, n], [*history, Q.copy()]
+    return table, returns, lengths, history
 
 
 # ---------------------------------------------------------------------- models from counts
@@ -122,6 +160,50 @@ def test_certainty_equivalence_without_optimism_may_stay_with_a_detour():
     assert min(steps) >= 14 and max(steps) > 14
 
 
+def test_an_estimated_model_keeps_what_the_data_do_not_show():
+    data = Transitions(*map(np.array, ([0], [0], [1.0], [1])))
+    legal = np.array([[1, 1, 0]] * 2 + [[0, 0, 0]] * 2)  # nobody has the last action, nobody met the last state
+    model = estimate_model(data, 4, 3, terminal=[2, 3], legal=legal, start=1)
+    assert model == FiniteMDP.from_outcomes(
+        {(0, 0): [(1, 1, 1)], (0, 1): [(1, 0, 0)], (1, 0): [(1, 1, 0)], (1, 1): [(1, 1, 0)]},
+        n_states=4, n_actions=3, start=1,
+    )  # fmt: skip
+
+
+def test_predictions_of_counts_are_means():
+    data = Transitions(*map(np.array, ([0, 0, 0], [0, 0, 0], [1.0, 1.0, 2.0], [1, 1, 0])))
+    run = PlanningRun(np.zeros(1), np.ones(1), model=estimate_model(data, 3, 2, terminal=[2]))
+    p, r = predict(run, 0, 0)
+    np.testing.assert_allclose(p, [1 / 3, 2 / 3, 0], atol=1e-15)
+    assert r == pytest.approx(4 / 3, abs=1e-15)
+
+
+def test_certainty_equivalence_of_one_endless_state_by_hand():
+    # reward 1, gamma = 1/2: each plan is one sweep nearer to 2 than the one that it starts from
+    endless = FiniteMDP.from_outcomes({(0, 0): [(1, 0, 1)]})
+    run = certainty_equivalent_control(endless, 0.5, 2, max_steps=3, rng=rng())
+    assert run.lengths.tolist() == [3, 3] and run.returns.tolist() == [3.0, 3.0]
+    q = run.history[:, 0, 0]
+    assert q[0] == 0 and 0 < 2 - q[1] < 1e-8 and 2 - q[2] == (2 - q[1]) / 2
+    assert run.Q[0, 0] == q[2] and run.V[0] == 2 * q[2] - 2 and run.policy.tolist() == [[1.0]]
+
+
+def test_certainty_equivalence_is_told_what_does_not_have_to_be_learned():
+    world = small_world()
+    run = certainty_equivalent_control(world, 0.9, 2, max_steps=4, rng=rng())
+    for name in ("legal", "terminal", "start"):
+        np.testing.assert_array_equal(getattr(run.model, name), getattr(world, name))
+    assert run.returns.shape == run.lengths.shape == (2,) and run.lengths.max() <= 4
+
+
+def test_certainty_equivalence_explores_once_in_ten_for_ten_thousand_steps_at_most():
+    world, endless = small_world(), FiniteMDP.from_outcomes({(0, 0): [(1, 0, 0)]})
+    plain = certainty_equivalent_control(world, 0.9, 6, rng=rng(1))
+    explicit = certainty_equivalent_control(world, 0.9, 6, epsilon=0.1, unseen=0.0, rng=rng(1))
+    np.testing.assert_array_equal(plain.history, explicit.history)
+    assert certainty_equivalent_control(endless, 0.9, 1, rng=rng()).lengths.tolist() == [10_000]
+
+
 # ---------------------------------------------------------------------- Dyna-Q
 
 
@@ -132,6 +214,56 @@ def test_without_planning_one_update_is_the_q_learning_update():
     # greedy in `high` is wait: reward 1, stays; 2 + 0.5 (1 + 0.9 * 2 - 2)
     assert run.Q[0].tolist() == [1.0, 2.4, -np.inf] and run.Q[1].tolist() == [3.0, 5.0, 4.0]
     assert run.returns.tolist() == [1.0] and run.lengths.tolist() == [1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kappa", [0.0, 0.4])
+@pytest.mark.parametrize("n_planning", [0, 3])
+def test_dyna_is_what_a_second_program_of_it_does(n_planning, kappa, seed):
+    first, later = small_world(), small_world(bonus=1.0)
+    Q0 = np.array([[1.0, 2.0], [0.5, -1.0], [7.0, 4.0], [9.0, 9.0]])
+    run = learn(first, 5, n_planning=n_planning, kappa=kappa, alpha=0.5, epsilon=0.4, gamma=0.9, max_steps=4,
+                seed=seed, Q0=Q0, change=(6, later))  # fmt: skip
+    Q = np.array([[1.0, 2.0], [0.5, -1.0], [-np.inf, 4.0], [0.0, 0.0]])
+    table, returns, lengths, history = dictionary_dyna(
+        first, later, 6, 5, n_planning, 0.5, 0.4, kappa, 0.9, 4, Q, rng(seed)
+    )
+    assert run.returns.tolist() == returns and run.lengths.tolist() == lengths and run.lengths.dtype == np.int64
+    np.testing.assert_allclose(run.history, history, rtol=1e-12)
+    np.testing.assert_array_equal(run.Q, run.history[-1])
+    assert run.V.tolist() == run.Q.max(axis=1).tolist()
+    np.testing.assert_array_equal(run.policy[:3], np.eye(2)[run.Q[:3].argmax(axis=1)])
+    if n_planning:
+        known = {(s, a): (r, s_next) for s, row in table.items() for a, (r, s_next, _) in row.items()}
+        rows = {(s, a): known.get((s, a), (0.0, s)) for s, a in zip(*np.nonzero(first.legal)) if s != 3}
+        assert run.model == FiniteMDP.from_outcomes(
+            {pair: [(1.0, s_next, r)] for pair, (r, s_next) in rows.items()}, n_states=4, start=first.start
+        )
+    else:
+        assert run.model is None
+
+
+def test_one_replay_carries_the_reward_back_through_all_states_met():
+    # a chain of three steps that pays 1 at its end; 200 replays of three pairs reach each of them
+    chain = FiniteMDP.from_outcomes({(s, 0): [(1, s + 1, float(s == 2))] for s in range(3)}, start=0)
+    run = learn(chain, 1, n_planning=200, alpha=1.0, gamma=0.5)
+    assert run.V.tolist() == [0.25, 0.5, 1.0, 0.0] and run.lengths.tolist() == [3]
+    assert run.history[0].tolist() == [[0.0]] * 4 and run.history[1].tolist() == run.Q.tolist()
+
+
+def test_an_action_gains_the_root_of_the_steps_since_it_was_tried():
+    # one state, gamma = 0, alpha = 1: a replay leaves kappa times the root, untried actions count from step 0
+    both = FiniteMDP.from_outcomes({(0, a): [(1, 0, 0)] for a in range(2)})
+    for n_steps, roots in ((1, [[1, 1]]), (2, [[1, 2], [2, 1]]), (3, [[1, 2], [2, 1]])):
+        run = learn(both, 1, n_planning=60, kappa=0.5, alpha=1.0, epsilon=0.0, gamma=0.0, max_steps=n_steps)
+        assert run.Q.tolist() in (0.5 * np.sqrt(roots))[:, None].tolist()  # greedy: takes turns
+
+
+def test_defaults_of_dyna_are_plain_q_learning_from_zero():
+    plain = learn(small_world(), 4, n_planning=2, gamma=0.9)
+    explicit = learn(small_world(), 4, n_planning=2, gamma=0.9, Q0=0.0, kappa=0.0, max_steps=None, change=None)
+    np.testing.assert_array_equal(plain.history, explicit.history)
+    assert np.all(plain.history[0][small_world().legal] == 0)
 
 
 def test_first_episode_changes_one_entry_without_planning_and_many_with():
@@ -231,6 +363,13 @@ def test_change_comes_at_its_step():
     np.testing.assert_array_equal(at_once.Q, learn(second, 5).Q)
 
 
+def test_change_comes_between_two_steps():
+    slow, fast = (FiniteMDP.from_outcomes({(0, 0): [(1, 0, r)]}) for r in (1, 10))
+    for at, total in ((0, 50), (1, 41), (3, 23), (4, 14), (5, 5)):
+        assert learn(slow, 1, max_steps=5, change=(at, fast)).returns.tolist() == [total]
+    assert learn(slow, 2, max_steps=2, change=(3, fast)).returns.tolist() == [2, 11]  # steps go on over episodes
+
+
 def test_same_generator_same_run():
     a, b = learn(dyna_maze(), 5, n_planning=3), learn(dyna_maze(), 5, n_planning=3)
     for name in ("returns", "lengths", "V", "Q", "policy", "history"):
@@ -287,6 +426,22 @@ def test_replay_is_the_q_learning_update():
     np.testing.assert_allclose(replay(data, 2, 2, 0.8, alpha=0.5), [[0.0, 0.5], [-0.1, 0.0]], atol=1e-15)
 
 
+def test_replay_starts_from_the_first_estimates():
+    data = Transitions(*map(np.array, ([0, 1, 0], [1, 0, 1], [2.0, -1.0, 0.0], [1, 0, 1])))
+    # 1 + 0.5 (2 + 0.8 - 1) = 1.9; 1 + 0.5 (-1 + 0.8 * 1.9 - 1) = 0.76; 1.9 + 0.5 (0 + 0.8 - 1.9) = 1.35
+    np.testing.assert_allclose(replay(data, 2, 2, 0.8, alpha=0.5, Q0=1), [[1.0, 1.35], [0.76, 1.0]], atol=1e-15)
+
+
+def test_replay_of_nothing_and_of_one_bad_row():
+    nothing = Transitions(*(np.zeros(0, kind) for kind in (int, int, float, int)))
+    assert replay(nothing, 2, 3, 0.8, alpha=0.5, Q0=0.25).tolist() == [[0.25] * 3] * 2
+    for column in (0, 1, 3):
+        rows = np.zeros((4, 2), int)
+        rows[column, 0] = 2
+        with pytest.raises(ValueError, match="^data:"):
+            replay(Transitions(*rows), 2, 2, 0.8, alpha=0.5)
+
+
 # ---------------------------------------------------------------------- predictions
 
 
@@ -302,6 +457,8 @@ def test_model_based_results_answer_predict_and_others_do_not():
             predict(run, 0, 0)
     with pytest.raises(ValueError, match="^s:"):
         predict(dyna, 54, 0)
+    with pytest.raises(ValueError, match="^a:"):
+        predict(dyna, 0, 4)
 
 
 # ---------------------------------------------------------------------- cart-pole
@@ -328,6 +485,13 @@ def test_least_squares_recovers_a_linear_world():
     x, a = generator.normal(size=(40, 3)), generator.integers(2, size=40)
     fitted = fit_linear_dynamics(x, a, linear_dynamics(W, x, a), 2)
     np.testing.assert_allclose(fitted, W, atol=1e-10)
+
+
+def test_a_linear_model_takes_lists_of_whole_numbers():
+    # x' = 2 x + 1 for action 0, 2 x - 1 for action 1
+    W = fit_linear_dynamics([[0], [1], [2], [3]], [0.0, 1.0, 0.0, 1.0], [[1], [1], [5], [5]], 2)
+    np.testing.assert_allclose(W, [[2], [1], [-1]], atol=1e-12)
+    np.testing.assert_allclose(linear_dynamics(W, [[5], [5]], [0.0, 1.0]), [[11], [9]], atol=1e-12)
 
 
 def test_linear_model_of_the_cartpole_is_almost_exact_one_step_ahead():
@@ -364,6 +528,27 @@ def test_open_loop_simulation_feeds_back_its_own_states():
     actions = np.array([[1, 0], [1, 1], [0, 2]])
     path = simulate(lambda x, a: 2 * x + a[:, None], [[1.0], [0.0]], actions)
     np.testing.assert_array_equal(path[:, :, 0], [[1, 0], [3, 0], [7, 1], [14, 4]])
+
+
+def test_simulation_takes_lists_and_counts_in_floats():
+    path = simulate(lambda x, a: x + a[:, None], [[1], [0]], [[1, 0], [1, 1]])
+    assert path[:, :, 0].tolist() == [[1, 0], [2, 0], [3, 1]] and path.dtype == float
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_shooting_adds_up_the_costs_of_every_candidate(seed):
+    x, plans, costs = [0.5, -1.0], np.floor(3 * rng(seed).random((4, 6))), []
+    for plan in plans.T:
+        state, total = np.array(x), 0.0
+        for a in plan:
+            state = 1.5 * state + [a - 1, 0.5]
+            total += state[0] ** 2 + state[1] * state[0]
+        costs.append(total)
+    best = random_shooting(
+        lambda x, a: 1.5 * x + np.stack([a - 1, 0.5 + 0 * a], axis=1), lambda x: x[:, 0] ** 2 + x[:, 1] * x[:, 0],
+        x, 3, horizon=4, n_candidates=6, rng=rng(seed),
+    )  # fmt: skip
+    assert best == plans[0, np.argmin(costs)]
 
 
 def test_start_and_transitions_are_within_bounds():
@@ -437,12 +622,20 @@ def test_one_trajectory_by_hand():
 # ---------------------------------------------------------------------- bad input
 
 
+# from 0 to the terminal state 1, with one legal action of two; with both; and a state 1 that goes back
+ONE_ACTION = FiniteMDP.from_outcomes({(0, 0): [(1, 1, 0)]}, n_actions=2)
+TWO_ACTIONS = FiniteMDP.from_outcomes({(0, a): [(1, 1, 0)] for a in range(2)})
+ENDLESS = FiniteMDP.from_outcomes({pair: [(1, 1 - pair[0], 0)] for pair in ((0, 0), (1, 0), (1, 1))})
+
+
 @pytest.mark.parametrize("options, name", [
     (dict(gamma=1.5), "gamma"), (dict(n_episodes=0), "n_episodes"), (dict(n_planning=-1), "n_planning"),
     (dict(alpha=0.0), "alpha"), (dict(alpha=1.1), "alpha"), (dict(epsilon=-0.1), "epsilon"),
     (dict(epsilon=2), "epsilon"), (dict(kappa=-1.0), "kappa"), (dict(max_steps=0), "max_steps"),
     (dict(Q0=np.nan), "Q"), (dict(world=None), "world"), (dict(rng=0), "rng"),
     (dict(change=(-1, dyna_maze())), "change"), (dict(change=(5, cliff_walking())), "change"),
+    (dict(change=(5, TWO_ACTIONS), world=ONE_ACTION), "change"),
+    (dict(change=(5, ENDLESS), world=ONE_ACTION), "change"),
 ])  # fmt: skip
 def test_bad_arguments_of_dyna_q(options, name):
     settings = dict(n_planning=0, alpha=0.1, epsilon=0.1, rng=rng())
@@ -459,15 +652,28 @@ def test_bad_arguments_of_dyna_q(options, name):
     (lambda d: estimate_model(d, 2, 2, legal=np.eye(2)), "data"),
     (lambda d: certainty_equivalent_control(dyna_maze(), 0.9, 0, rng=rng()), "n_episodes"),
     (lambda d: certainty_equivalent_control(dyna_maze(), 0.9, 1, epsilon=3, rng=rng()), "epsilon"),
+    (lambda d: certainty_equivalent_control(None, 0.9, 1, rng=rng()), "world"),
+    (lambda d: certainty_equivalent_control(dyna_maze(), 1.5, 1, rng=rng()), "gamma"),
+    (lambda d: certainty_equivalent_control(dyna_maze(), 0.9, 1, rng=0), "rng"),
+    (lambda d: estimate_model(Transitions(d.s + 2, d.a, d.r, d.s_next), 2, 2), "data"),
     (lambda d: sample_transitions(dyna_maze(), uniform_policy(dyna_maze()), 0, rng=rng()), "n_steps"),
+    (lambda d: sample_transitions(dyna_maze(), uniform_policy(dyna_maze()), 1, rng=0), "rng"),
+    (lambda d: sample_transitions(dyna_maze(), 2 * uniform_policy(dyna_maze()), 1, rng=rng()), "pi"),
+    (lambda d: fit_linear_dynamics(np.zeros(3), [0, 1, 1], np.zeros(3), 2), "x"),
+    (lambda d: fit_linear_dynamics(np.zeros((3, 2)), [0, 1, 1], np.zeros((3, 1)), 2), "x"),
     (lambda d: fit_linear_dynamics(np.zeros((3, 2)), [0, 1], np.zeros((3, 2)), 2), "x"),
     (lambda d: random_shooting(None, None, [0.0], 2, horizon=0, n_candidates=5, rng=rng()), "horizon"),
     (lambda d: random_shooting(None, None, [0.0], 2, horizon=3, n_candidates=0, rng=rng()), "n_candidates"),
     (lambda d: random_shooting(None, None, [0.0], 0, horizon=3, n_candidates=5, rng=rng()), "n_actions"),
+    (lambda d: random_shooting(None, None, [0.0], 2, horizon=3, n_candidates=5, rng=0), "rng"),
     (lambda d: cartpole_transitions(0, rng=rng()), "n"),
     (lambda d: replay(d, 1, 2, 0.9, alpha=0.1), "data"),
     (lambda d: replay(d, 2, 1, 0.9, alpha=0.1), "data"),
     (lambda d: replay(d, 2, 2, 0.9, alpha=0.0), "alpha"),
+    (lambda d: replay(d, 2, 2, 1.5, alpha=0.1), "gamma"),
+    (lambda d: replay(d, 0, 2, 0.9, alpha=0.1), "n_states"),
+    (lambda d: replay(d, 2, 0, 0.9, alpha=0.1), "n_actions"),
+    (lambda d: replay(Transitions(d.s_next, d.a, d.r, d.s), 1, 2, 0.9, alpha=0.1), "data"),
     (lambda d: gradient_descent(lambda v: v, 1.0, np.inf, 5), "epsilon"),
     (lambda d: gradient_descent(lambda v: v, 1.0, 0.1, 0), "n_steps"),
     (lambda d: cartpole_reinforce(0), "n_episodes"),
@@ -487,3 +693,13 @@ def test_illegal_actions_stay_out():
     assert run.Q[0, 2] == -np.inf and np.isfinite(run.Q[1]).all() and run.policy[0, 2] == 0
     assert run.model.legal.tolist() == robot.legal.tolist()
     deterministic_policy(robot, run.policy.argmax(axis=1))
+
+
+@pytest.mark.parametrize("column", ["s", "a", "s_next"])
+def test_negative_states_and_actions_of_data_are_refused(column):
+    rows = {"s": [0], "a": [0], "r": [1.0], "s_next": [1]} | {column: [-1]}
+    data = Transitions(*(np.array(rows[name]) for name in ("s", "a", "r", "s_next")))
+    with pytest.raises(ValueError, match=f"^data: {column} runs from -1 to -1, must be in 0..1"):
+        replay(data, 2, 2, 0.9, alpha=0.1)
+    with pytest.raises(ValueError):
+        estimate_model(data, 2, 2)

@@ -777,13 +777,15 @@ def test_compiled_and_interpreted_results_have_the_same_bits():
 
 @pytest.mark.parametrize("learn", ["td_lambda accumulating", "td_lambda dutch", "td_lambda replacing", "true online"])
 def test_v_pi_is_learned(learn):
-    """Worst error over 20 seeds below 0.1; V0 is off by 1.8."""
+    """The mean of V from episode 5000 on. Worst error over 20 seeds 0.18 (0.36 for the last V); V0 is off by 1.8."""
     mdp, pi = prediction_world()
-    run = LEARNERS[learn](mdp, rng(), n_episodes=20_000, alpha=0.003, record=0)
-    np.testing.assert_allclose(run.V, solve_policy(mdp, pi, GAMMA), atol=0.2)
+    run = LEARNERS[learn](mdp, rng(), n_episodes=20_000, alpha=0.003)
+    np.testing.assert_allclose(run.history[5000:].mean(axis=0), solve_policy(mdp, pi, GAMMA), atol=0.2)
+    np.testing.assert_allclose(run.V, solve_policy(mdp, pi, GAMMA), atol=0.2)  # with this seed
 
 
 def test_q_pi_of_the_random_policy_is_learned_by_sarsa_lambda():
+    """Error 0.13 with this seed, at worst 0.37 over 20 seeds; the largest value is 5.0."""
     mdp, pi = prediction_world()
     q_pi = q_from_v(mdp, solve_policy(mdp, pi, GAMMA), GAMMA)
     run = sarsa_lambda(mdp, GAMMA, 0.5, 20_000, alpha=0.005, epsilon=1.0, record=0, rng=rng())
@@ -915,7 +917,7 @@ RUNS = [(0.01, 9.2, 0.13), (0.05, 7.8, 0.17), (0.1, 6.5, 0.24), (0.2, 4.7, 0.35)
 
 @pytest.mark.parametrize("epsilon, mean, share", RUNS)
 def test_cuts_of_figure_29(epsilon, mean, share):
-    """50 runs; 200 give 9.24, 7.80, 6.53, 4.82, 2.95, 1.63."""
+    """100 runs; 200 give 9.24, 7.80, 6.53, 4.82, 2.95, 1.63."""
     options = dict(alpha=0.1, epsilon=epsilon, trace="replacing")
     runs = [watkins_q_lambda(dyna_maze(), 0.95, 0.9, 50, rng=g, **options) for g in rng(0).spawn(100)]
     cuts = np.concatenate([run.cuts for run in runs])

@@ -75,8 +75,8 @@ class Api(SphinxDirective):
 
     def run(self):
         self.ledger = ledger.rows(self.env.srcdir)
-        out = []
-        for module in modules():
+        out, shown = [], modules()
+        for module in shown:
             section = nodes.section("", nodes.title("", module.__name__), ids=[module.__name__])
             section += self.paragraphs(inspect.getdoc(module))
             entries = nodes.definition_list(classes=["api"])
@@ -85,6 +85,10 @@ class Api(SphinxDirective):
                 if inspect.isclass(thing):
                     for inner, method in members(thing):
                         entries += self.entry(f"{module.__name__}.{name}.{inner}", f"{name}.{inner}", method)
+            for name in getattr(module, "__all__", ()):
+                home = getattr(getattr(module, name), "__module__", module.__name__)
+                if home != module.__name__ and home in [m.__name__ for m in shown]:
+                    entries += self.elsewhere(f"{module.__name__}.{name}", name, home)
             if entries.children:
                 section += entries
             out.append(section)
@@ -98,6 +102,13 @@ class Api(SphinxDirective):
         own = thing.__dict__.get("__doc__") if inspect.isclass(thing) else inspect.getdoc(thing)
         text = inspect.cleandoc(own) if own else ""
         return nodes.definition_list_item("", term, nodes.definition("", *self.paragraphs(text)))
+
+    def elsewhere(self, identity, name, home):
+        """A name that a module offers and another one defines."""
+        term = nodes.term("", "", nodes.literal("", name), ids=[identity])
+        there = ledger.link(f"{home}.{name}", f"appendix_api.html#{home}.{name}")
+        see = nodes.paragraph("", "", nodes.Text("Defined in "), there, nodes.Text("."))
+        return nodes.definition_list_item("", term, nodes.definition("", see))
 
     def source(self, thing):
         inner = inspect.unwrap(thing)
