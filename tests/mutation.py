@@ -40,6 +40,8 @@ TESTS = {  # in the order in which they are most likely to notice
     "episodes": "test_td_exact test_td",
     "returns": "test_traces_exact test_traces",
     "traces": "test_traces_exact test_traces",
+    "nn": "test_nn",
+    "neurons": "test_nn",
     "measure": "test_measure test_td_exact",
 }
 OF_TD = "fixed_point or average_to_state or errors_of or random_walk or share_one or windy or not_met or gymnasium"

@@ -13,7 +13,7 @@ def network_diagram(sizes, *, weights=None, names=None, values=None, lit=(), bra
 
     sizes: neurons of each layer, input first; of a layer with more than 10 the middle is left out. weights: list of
     (n_l, n_{l-1}), drawn as width and colour (orange: negative). names: texts of input and output neurons.
-    values: activations of each layer, written in. lit: pairs (layer, neuron) drawn in red. brackets: pairs in the middle.
+    values: activations of each layer, written in. lit: (layer, neuron) in red. brackets: pairs in the middle.
     """
     fig, ax = new_diagram((-0.6, len(sizes) - 0.4), (-0.62, 0.68), width=7.0, height=4.0)
     ax.set_aspect("auto")
