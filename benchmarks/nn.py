@@ -86,8 +86,8 @@ def measure_steps(rounds, n=5):
 
 def rlcore_digits(x, labels, x_test, seed):
     rng = np.random.default_rng(seed)
-    net = MLP([64, 100, 10], hidden="relu", init="he", optimizer=Adam(0.01), rng=rng)
-    sgd(net, x, labels, batch=64, epochs=15, cost="cross_entropy", rng=rng)
+    net = MLP([64, 256, 10], hidden="relu", init="he", optimizer=Adam(0.01), rng=rng)
+    sgd(net, x, labels, batch=64, epochs=20, cost="cross_entropy", rng=rng)
     return net.forward(x_test).argmax(axis=1)
 
 
@@ -95,7 +95,7 @@ def sklearn_digits(x, labels, x_test, seed, **settings):
     return MLPClassifier(random_state=seed, **settings).fit(x, labels).predict(x_test)
 
 
-SAME = dict(learning_rate_init=0.01, batch_size=64, max_iter=15, alpha=0.0)
+SAME = dict(hidden_layer_sizes=(256,), learning_rate_init=0.01, batch_size=64, max_iter=20, alpha=0.0)
 LEARNERS = {
     "rlcore MLP": rlcore_digits,
     "MLPClassifier": sklearn_digits,
@@ -105,7 +105,7 @@ LEARNERS = {
 
 def measure_digits(seeds):
     seconds, accuracy = {name: [] for name in LEARNERS}, {name: [] for name in LEARNERS}
-    for seed in range(seeds):
+    for seed in range(100, 100 + seeds):  # our settings were chosen on other splits
         x, labels, x_test, labels_test = load_digits_28(size=8, n_train=1347, rng=np.random.default_rng(seed))
         for name, learn in LEARNERS.items():
             start = time.process_time()
@@ -131,7 +131,7 @@ def main():
     torch.set_num_threads(1)
     import warnings
 
-    warnings.filterwarnings("ignore", category=UserWarning)  # MLPClassifier is not content with 15 epochs
+    warnings.filterwarnings("ignore", category=UserWarning)  # MLPClassifier is not content with 20 epochs
     rows = measure_steps(50 if quick else 1000) + measure_digits(3 if quick else 10)
     names = ("numpy", "torch", "scikit-learn")
     versions = " ".join(f"{name} {importlib.metadata.version(name)}" for name in names)

@@ -497,6 +497,15 @@ def test_sgd_of_one_batch_is_gradient_descent():
     np.testing.assert_allclose(net.theta, twin.theta, rtol=1e-10)
 
 
+def test_the_optimizer_that_is_given_replaces_the_nets_own():
+    net, given = network(optimizer=SGD(0.5)), SGD(1e-12)
+    x, y, _ = problem([5, 3])
+    theta = net.theta.copy()
+    sgd(net, x, y, optimizer=given, batch=2, epochs=1, rng=rng())
+    assert net.optimizer is given
+    np.testing.assert_allclose(net.theta, theta, atol=1e-9)
+
+
 def test_same_rng_same_weights():
     x, y, _ = problem([5, 3])
     ends = [
@@ -522,6 +531,17 @@ def test_hot_stove_by_hand():
     clear = np.abs(x - 0.5).min(axis=1) > 0.03
     np.testing.assert_array_equal(net.forward(x[clear]) > 0.5, y[clear] == 1)
     np.testing.assert_allclose(step_position(net.weights[0][0, 0], net.biases[0][0]), 0.5)
+
+
+@pytest.mark.parametrize("seed, least, most", [(2, 0.95, 1.0), (5, 0.9, 0.93)], ids=["solved", "local minimum"])
+def test_hot_stove_learnt(seed, least, most):
+    x, y = stove_samples(seed)
+    net = MLP([2, 2, 1], hidden="sigmoid", output="sigmoid", init="unit", optimizer=SGD(5.0), rng=rng(seed + 50))
+    net.theta *= 3
+    sgd(net, x, y, batch=None, epochs=5000, rng=rng())
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 50)] * 2), axis=-1).reshape(-1, 2)
+    right = (net.forward(grid)[:, 0] > 0.5) == (grid > 0.5).any(axis=1)
+    assert least < right.mean() < most
 
 
 def test_without_biases_every_hidden_neuron_is_half_on_at_the_origin():
@@ -708,6 +728,7 @@ def test_any_module_behaves_as_an_mlp_does():
     assert gradient_check(net, x, np.zeros((6, 2))) < 1e-6
     twin = net.copy()
     C, gradient = backprop(net, x, np.zeros((6, 2)))
+    np.testing.assert_allclose(net.backward(out / 6), gradient, rtol=1e-5)  # a second time, after one forward pass
     net.step(gradient)
     assert quadratic_cost(net.forward(x), np.zeros((6, 2))) < C
     np.testing.assert_array_equal(twin.forward(x), out)  # the copy has not moved
