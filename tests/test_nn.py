@@ -641,6 +641,7 @@ def test_digits_are_enlarged_bilinearly():
     x, labels, x_test, labels_test = load_digits_28(rng=rng())
     small = load_digits_28(size=8, rng=rng())
     assert x.shape == (1500, 784) and x_test.shape == (297, 784) and x.dtype == np.float32 and labels.dtype == np.int64
+    assert not np.array_equal(labels, load_digits_28(size=8, rng=rng(1))[1])  # another rng, another split
     assert x.min() == 0 and x.max() == 1 and np.array_equal(labels, small[1]) and np.array_equal(labels_test, small[3])
     big, old = x.reshape(-1, 28, 28), small[0].reshape(-1, 8, 8)
     np.testing.assert_allclose(big[:, [0, 0, 27, 27], [0, 27, 0, 27]], old[:, [0, 0, 7, 7], [0, 7, 0, 7]], atol=1e-6)
