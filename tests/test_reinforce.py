@@ -328,7 +328,7 @@ def z(estimates, exact):
 
 @many_runs
 def test_mean_estimate_is_the_exact_gradient_only_with_the_discount():
-    """40,000 episodes. Within 4 standard errors (2.3 seen at most over ten seeds); the others are more than 20 away."""
+    """40,000 episodes: within 4 standard errors of the exact gradient; the others are more than 20 away."""
     mdp, theta, gamma = two_step(), np.array([[0.3, -0.2, 0.0], [0.0, 0.4, 0.0]]), 0.6
     exact = policy_gradient_exact(mdp, theta, gamma)
     make = lambda **settings: gradient_estimates(mdp, theta, gamma, 40_000, rng=rng(5), **settings)  # noqa: E731
