@@ -440,6 +440,40 @@ Exercise(
 )
 
 
+Exercise(
+    id="ch07-predict-limits",
+    kind="predict",
+    title="Who becomes decided?",
+    statement=r"""
+        A bandit has two arms with the values 0 and 1. Three agents learn for ever, with small steps. The first estimates the values and draws from a softmax over the estimates, the second estimates them and is
+        $\varepsilon$-greedy with $\varepsilon = 0.1$, the third changes the preferences of a softmax along the gradient of its expected reward. To which numbers do their probabilities of the better arm go? Predict, and bind
+        the tuple of the three to `limits`.
+    """,
+    stub="limits = ...",
+    cases=lambda rng: [Case({}, (float(softmax(np.array([0.0, 1.0]))[1]), 0.95, 1.0), tol=1e-3)],
+    hints=(
+        "The estimates go to 0 and 1, and stay there. What does a softmax make of 0 and 1?",
+        r"A preference estimates nothing: as long as $\pi$ of the better arm is below 1 the gradient pushes the preferences farther apart.",
+    ),
+    solution="limits = (float(1 / (1 + np.exp(-1))), 0.95, 1.0)",
+    wrong=(
+        Wrong(
+            "limits = (1.0, 0.95, 1.0)",
+            "the estimates stop at 0 and 1, and a softmax of these is far from decided",
+        ),
+        Wrong(
+            "limits = (0.731, 0.95, 0.731)",
+            "preferences are not estimates of values: nothing keeps them 1 apart",
+        ),
+        Wrong("limits = (0.731, 0.9, 1.0)", "half of the exploring pulls go to the better arm, too"),
+        Wrong("limits = (0.731, 1.0, 1.0)", "an epsilon that stays at 0.1 never stops exploring"),
+        Wrong("limits = (0.269, 0.05, 0.0)", "these are the probabilities of the worse arm"),
+    ),
+    minutes=4,
+    covers=("cl-100", "cl-101", "om-softmax"),
+)
+
+
 # ---------------------------------------------------------------------- policy gradients
 
 
@@ -540,12 +574,90 @@ Exercise(
         Wrong("two_estimates = (-3.5, 1.5)", "the returns are not discounted: they are 3, 4 and 8"),
         Wrong("two_estimates = (3.0, 3.0)", "the score lacks the probability: it is -0.5 where action 1 was taken"),
         Wrong(
-            "two_estimates = (-3.5, -1.5)",
+            "two_estimates = (-3.5, -0.5)",
             "these steps are credited with their own reward only: what follows is missing",
         ),
     ),
     minutes=8,
     covers=("eq-rf-38", "eq-rf-39", "eq-u-alg2-gradient", "fig-52"),
+)
+
+
+Exercise(
+    id="ch07-theorem",
+    kind="fill in",
+    title="The gradient without sampling",
+    statement=r"""
+        Figure 50 with nothing left to chance: every state has preferences of its own, `pi` `(S, A)` is their softmax, `Q` `(S, A)` holds the action values of this policy, and `visits` `(S,)` says how often, discounted, an episode is expected to be in each state. Return the gradient
+        of the objective ({eq}`eq-rf-39`) with respect to the preferences, `(S, A)`. With these `visits` it is an equality; nothing is left of the constant of proportion.
+    """,
+    stub="""
+        def policy_gradient(visits, pi, Q):
+            ...
+    """,
+    cases=lambda rng: [
+        Case(
+            dict(visits=visits, pi=pi, Q=Q),
+            visits[:, None] * np.array([q @ (np.diag(p) - np.outer(p, p)) for p, q in zip(pi, Q)]),
+        )
+        for S, A in ((3, 2), (2, 4), (3, 3))
+        for visits, pi, Q in [
+            (rng.integers(1, 9, S) / 2, rng.dirichlet(np.ones(A), S).round(2), rng.normal(size=(S, A)).round(1))
+        ]
+        for pi in [pi / pi.sum(axis=1, keepdims=True)]
+    ],
+    hints=(
+        r"The gradient of $\pi(a)$ with respect to the preference for $b$ is $\pi(a) (1_{a = b} - \pi(b))$. Sum it over $a$ with the weights $q(a)$.",
+        r"What comes out for each $b$ is $\pi(b) (q(b) - v)$, where $v = \sum_a \pi(a) q(a)$ is the value of the state.",
+    ),
+    solution="""
+        def policy_gradient(visits, pi, Q):
+            V = (pi * Q).sum(axis=1, keepdims=True)
+            return visits[:, None] * pi * (Q - V)
+    """,
+    wrong=(
+        Wrong(
+            """
+            def policy_gradient(visits, pi, Q):
+                return visits[:, None] * pi * Q
+            """,
+            "the value of the state is missing: when one preference grows, the probabilities of all the others fall",
+        ),
+        Wrong(
+            """
+            def policy_gradient(visits, pi, Q):
+                V = (pi * Q).sum(axis=1, keepdims=True)
+                return visits[:, None] * (Q - V)
+            """,
+            "the probability is missing: a preference matters in proportion to the probability of its action",
+        ),
+        Wrong(
+            """
+            def policy_gradient(visits, pi, Q):
+                V = (pi * Q).sum(axis=1, keepdims=True)
+                return pi * (Q - V)
+            """,
+            "the states count alike: weight each with its visits",
+        ),
+        Wrong(
+            """
+            def policy_gradient(visits, pi, Q):
+                V = (pi * Q).sum(axis=1, keepdims=True)
+                return (visits / visits.sum())[:, None] * pi * (Q - V)
+            """,
+            "this is proportional to the gradient only: the visits are counts, and must not be scaled to sum to 1",
+        ),
+        Wrong(
+            """
+            def policy_gradient(visits, pi, Q):
+                V = Q.mean(axis=1, keepdims=True)
+                return visits[:, None] * pi * (Q - V)
+            """,
+            "the value of a state weights each action value with the probability of the action",
+        ),
+    ),
+    minutes=10,
+    covers=("eq-u-pg-theorem", "fig-50", "alg-policy-gradient-exact", "eq-rf-39"),
 )
 
 
@@ -696,6 +808,76 @@ Exercise(
 )
 
 
+ORDER = """
+            def step_both(h, w, a, G, alpha, alpha_w):
+                delta = G - w
+                w = w + alpha_w * delta
+                p = np.exp(h - h.max())
+                p = p / p.sum()
+                return h + alpha * delta * (np.eye(len(p))[a] - p), w
+"""
+
+Exercise(
+    id="ch07-bug-order",
+    kind="find the bug",
+    title="The faster it learns, the slower it learns",
+    statement=r"""
+        REINFORCE with a learned baseline, where there is one state: `h` holds the preferences, the number `w` is the baseline, `a` the action and `G` the return. Both learn from the
+        difference between the return and what was expected **before** it came. In this program the policy learns the more slowly, the larger the step size of the baseline is, and with
+        `alpha_w = 1` not at all. Mend it, and return the new `h` and the new `w`.
+    """,
+    stub="""
+        def step_both(h, w, a, G, alpha, alpha_w):
+            w = w + alpha_w * (G - w)
+            delta = G - w
+            p = np.exp(h - h.max())
+            p = p / p.sum()
+            return h + alpha * delta * (np.eye(len(p))[a] - p), w
+    """,
+    cases=lambda rng: [
+        Case(
+            dict(h=h, w=w, a=a, G=G, alpha=alpha, alpha_w=alpha_w),
+            (h + alpha * (G - w) * Categorical(h).grad_log_prob(a), w + alpha_w * (G - w)),
+        )
+        for n, w, a, G, alpha, alpha_w in (
+            (2, 1.0, 0, 3.0, 0.1, 0.5),
+            (3, -2.0, 2, -5.0, 0.2, 1.0),
+            (4, 0.5, 1, 2.0, 0.5, 0.1),
+        )
+        for h in [rng.normal(size=n).round(1)]
+    ],
+    hints=(
+        "What is `delta` where `alpha_w = 1`? Which `w` should it be taken from?",
+        "After the first line `w` already contains a part of the return, and so of the action: take the difference first.",
+    ),
+    solution=ORDER,
+    wrong=(
+        Wrong(
+            ORDER.replace("w = w + alpha_w * delta", "pass"),
+            "the baseline does not learn any more: it has to move towards the return, only after the difference is taken",
+        ),
+        Wrong(
+            ORDER.replace("alpha_w * delta", "alpha * delta"),
+            "the baseline moves with the step size of the policy",
+        ),
+        Wrong(
+            ORDER.replace("delta = G - w", "delta = w - G").replace("w + alpha_w", "w - alpha_w"),
+            "the difference is turned round, and the policy goes downhill",
+        ),
+        Wrong(
+            ORDER.replace("h + alpha * delta", "h + alpha * (1 - alpha_w) * delta"),
+            "this is the old behaviour in other words: the difference shrinks with the step size of the baseline",
+        ),
+        Wrong(
+            ORDER.replace("h + alpha * delta", "h + alpha * G"),
+            "the baseline learns, but the policy no longer subtracts it",
+        ),
+    ),
+    minutes=6,
+    covers=("alg-reinforce-baseline", "om-baseline-update", "eq-u-reinforce-baseline"),
+)
+
+
 MASK = """
             def critic_error(v, v_next, r, gamma, terminated, truncated):
                 return r + gamma * v_next * ~terminated - v
@@ -812,7 +994,7 @@ Exercise(
             "corridor = (12, 0.5858, 11.657)", "these are the steps that it takes: each costs 1, so values are negative"
         ),
         Wrong(
-            "corridor = (-10, 0.5858, -9.657)",
+            "corridor = (-10, 0.5858, -9.950)",
             "this is the value of cell 1: the episode starts in cell 0",
         ),
     ),
@@ -1044,7 +1226,7 @@ Exercise(
     wrong=(
         Wrong(
             CRITIC.replace('"confirmed" if abs(critic - baseline) < 0.5 else "refuted"', '"confirmed"'),
-            "the numbers are right, and they are three times apart: the critic bootstraps, and its error becomes a bias",
+            "the numbers are right, and one is three times the other: the critic bootstraps, and its error becomes a bias",
         ),
         Wrong(
             CRITIC.replace("(word, exact, critic, baseline)", "(word, exact, baseline, critic)"),
