@@ -42,6 +42,9 @@ TESTS = {  # in the order in which they are most likely to notice
     "traces": "test_traces_exact test_traces",
     "nn": "test_nn",
     "neurons": "test_nn",
+    "policies": "test_policies",
+    "policy_gradient": "test_reinforce",
+    "reinforce": "test_reinforce",
     "measure": "test_measure test_td_exact",
 }
 OF_TD = "fixed_point or average_to_state or errors_of or random_walk or share_one or windy or not_met or gymnasium"

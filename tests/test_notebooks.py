@@ -30,7 +30,7 @@ def notebook(request):
 
 
 def test_there_are_notebooks():
-    assert len(CHAPTERS) >= 6
+    assert len(CHAPTERS) >= 7
 
 
 def test_every_cell_was_run_in_order(notebook):

@@ -91,7 +91,7 @@ def hidden_neuron(x, y, w, b):
     inside = x[0] <= s <= x[-1]
     if inside:
         ax.axvline(s, color=RED, ls="--", lw=1.4)
-    where = f"s = −b/w = {s:.4g}" if w else "w = 0: no step"
+    where = f"s = −b/w = {s + 0.0:.4g}" if w else "w = 0: no step"
     ax.set(
         xlabel="x", ylabel="output", ylim=(-0.05, 1.05), title=f"w = {w:g}, b = {b:g}; {where}; slope w/4 = {w / 4:g}"
     )
