@@ -77,7 +77,8 @@ class Api(SphinxDirective):
         self.ledger = ledger.rows(self.env.srcdir)
         out, shown = [], modules()
         for module in shown:
-            section = nodes.section("", nodes.title("", module.__name__), ids=[module.__name__])
+            title = re.sub(r"([._])(?=\w)", "\\1\u200b", module.__name__)  # may break on a phone
+            section = nodes.section("", nodes.title("", title), ids=[module.__name__])
             section += self.paragraphs(inspect.getdoc(module))
             entries = nodes.definition_list(classes=["api"])
             for name, thing in public(module):
@@ -106,7 +107,7 @@ class Api(SphinxDirective):
     def elsewhere(self, identity, name, home):
         """A name that a module offers and another one defines."""
         term = nodes.term("", "", nodes.literal("", name), ids=[identity])
-        there = ledger.link(f"{home}.{name}", f"appendix_api.html#{home}.{name}")
+        there = ledger.link(ledger.name_node(f"{home}.{name}"), f"appendix_api.html#{home}.{name}")
         see = nodes.paragraph("", "", nodes.Text("Defined in "), there, nodes.Text("."))
         return nodes.definition_list_item("", term, nodes.definition("", see))
 
