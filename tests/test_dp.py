@@ -341,6 +341,8 @@ def test_bound_at_gamma_1_includes_rounding():
     assert error_bound(m, exact, 1.0) == pytest.approx(2 * 5 * one, rel=1e-3, abs=0)
     assert policy_error_bound(m, np.ones((6, 1)), exact, 1.0) == pytest.approx(5 * one, rel=1e-3, abs=0)
     assert error_bound(m, exact, 0.5) > policy_error_bound(m, np.ones((6, 1)), exact, 0.5) - 1e-14 > 2.0
+    twice = FiniteMDP.from_outcomes({(s, a): [(1.0, s + 1, -3.0)] for s in range(5) for a in (0, 1)}, n_states=6)
+    assert error_bound(twice, exact, 1.0) == pytest.approx(2 * 5 * one, rel=1e-3, abs=0)  # outcomes count, not actions
 
 
 def test_bound_is_infinite_where_nothing_is_certain():

@@ -218,7 +218,8 @@ def test_equality_ignores_padding_and_order_of_outcomes_only():
     even, odd = (FiniteMDP.from_outcomes({(0, 0): [(p, 0, 0), (1 - p, 1, 0)]}) for p in (0.5, 0.25))
     one, other = (FiniteMDP.from_outcomes({(0, 0): [(0.5, 0, r), (0.5, 0, 3 - r)]}) for r in (1, 2))
     assert one == other
-    assert left != right and even != odd
+    fair, bent = (FiniteMDP.from_outcomes({(0, 0): [(p, 0, 1), (1 - p, 0, 2)]}) for p in (0.5, 0.25))
+    assert left != right and even != odd and fair != bent  # same state, other rewards: two outcomes
     assert m != "a process" and FiniteMDP.__hash__ is None
 
 
