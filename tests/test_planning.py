@@ -697,9 +697,9 @@ def test_illegal_actions_stay_out():
 
 @pytest.mark.parametrize("column", ["s", "a", "s_next"])
 def test_negative_states_and_actions_of_data_are_refused(column):
-    rows = {"s": [0], "a": [0], "r": [1.0], "s_next": [1]} | {column: [-1]}
+    rows = {"s": [0, 1], "a": [0, 1], "r": [1.0, 1.0], "s_next": [1, 0]} | {column: [-1, 1]}
     data = Transitions(*(np.array(rows[name]) for name in ("s", "a", "r", "s_next")))
-    with pytest.raises(ValueError, match=f"^data: {column} runs from -1 to -1, must be in 0..1"):
+    with pytest.raises(ValueError, match=f"^data: {column} runs from -1 to 1, must be in 0..1"):
         replay(data, 2, 2, 0.9, alpha=0.1)
     with pytest.raises(ValueError):
         estimate_model(data, 2, 2)
