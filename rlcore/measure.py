@@ -7,6 +7,8 @@ import numpy as np
 
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, as_floats, check_count, check_probability, discounted_returns
+from rlcore.returns import visited_values
+from rlcore.tabular import check_world
 
 
 def backups_per_second(mdp, gamma=0.9):
@@ -38,8 +40,11 @@ def walk_error(V, truth):
 
 def squared_error(V, episodes, gamma):
     """Sum of (G_t - V(S_t))^2 over all steps of all episodes (Trajectories or pairs of states, rewards). cl-048"""
-    pairs = [(e.states, e.rewards) if hasattr(e, "states") else (np.asarray(e[0]), e[1]) for e in episodes]
-    return float(sum(((discounted_returns(r, gamma) - V[s[:-1]]) ** 2).sum() for s, r in pairs))
+    total = 0.0
+    for e in episodes:
+        _, rewards, values, _ = visited_values(*((e.states, e.rewards) if hasattr(e, "states") else e), V)
+        total += ((discounted_returns(rewards, gamma) - values[:-1]) ** 2).sum()
+    return float(total)
 
 
 Update = namedtuple("Update", "s a s_next old new")
@@ -51,9 +56,11 @@ def first_updates(method, world, gamma, n_steps, *, alpha, epsilon, seed=0):
     The same run is cut after 1, 2, ... steps; what differs is the update. Every update must change its entry.
     """
     settings = dict(alpha=alpha, epsilon=epsilon, record=0)
-    before, updates = np.where(world.legal, 0.0, -np.inf), []
+    before, updates = np.where(check_world(world).legal, 0.0, -np.inf), []
     for n in range(1, check_count("n_steps", n_steps) + 1):
         Q = method(world, gamma, 1, max_steps=n, rng=np.random.default_rng(seed), **settings).Q
+        if np.array_equal(before, Q):
+            raise ValueError(f"n_steps: got {n_steps}, but update {n} changes no entry; must be fewer")
         s, a = np.argwhere(before != Q)[0]
         updates.append((int(s), int(a), float(before[s, a]), float(Q[s, a])))
         before = Q

@@ -14,6 +14,7 @@ from rlcore.mdp import (
     check_count,
     check_gamma,
     check_policy,
+    check_probability,
     check_rng,
     cumulative,
     draw,
@@ -21,7 +22,7 @@ from rlcore.mdp import (
     step,
 )
 from rlcore.results import Run
-from rlcore.tabular import check_probability, check_rate, check_world, epsilon_greedy, max_value, soft_greedy
+from rlcore.tabular import check_rate, check_world, epsilon_greedy, max_value, soft_greedy
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,12 @@
 """Action rules of tabular methods, and checks of their settings."""
 
+from numbers import Real
+
 import numpy as np
 
 from rlcore.bellman import greedy_actions
 from rlcore.compiled import compiled
-from rlcore.mdp import FiniteMDP, as_floats
+from rlcore.mdp import FiniteMDP, as_floats, check_probability
 
 
 @compiled
@@ -65,16 +67,9 @@ def check_world(world):
     return world
 
 
-def check_probability(name, value):
-    """value as a float; ValueError unless it is in [0, 1]."""
-    if not 0 <= value <= 1:
-        raise ValueError(f"{name}: got {value!r}, must be a probability in [0, 1]")
-    return float(value)
-
-
 def check_rate(alpha):
     """alpha as a float; ValueError unless it is in (0, 1]."""
-    if not 0 < alpha <= 1:
+    if not (isinstance(alpha, Real) and 0 < alpha <= 1):
         raise ValueError(f"alpha: got {alpha!r}, must be in (0, 1]")
     return float(alpha)
 

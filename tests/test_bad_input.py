@@ -9,6 +9,7 @@ from worlds import awkward, loop, stay_or_go
 
 from rlcore import bellman, dp, envs, mdp
 from rlcore.mdp import FiniteMDP, uniform_policy
+from rlcore.tabular import check_rate
 
 ROBOT = envs.recycling_robot()  # 2 states, 3 actions; action 2 is not legal in state 0
 PI = uniform_policy(ROBOT)
@@ -347,3 +348,9 @@ def test_good_input_of_unusual_types_is_accepted():
     assert mdp.discounted_return((1, 2), True) == 3.0
     assert not envs.gridworld(terminals=[]).terminal.any()
     assert envs.gridworld(terminals=np.array([3])).terminal[3]
+
+
+@pytest.mark.parametrize("value", ["fast", None, 0.0, 1.5])
+def test_a_step_size_that_is_no_number_is_refused(value):
+    with pytest.raises(ValueError, match=f"^alpha: got {value!r}, must be in \\(0, 1\\]"):
+        check_rate(value)

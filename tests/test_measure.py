@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rlcore.bellman import solve_policy
-from rlcore.dp import policy_iteration
+from rlcore.dp import policy_iteration, value_iteration
 from rlcore.envs import cliff_walking, dyna_maze, gridworld, random_walk, recycling_robot
 from rlcore.mdp import rollout, uniform_policy
 from rlcore.measure import backups_per_second, first_updates, repeat, squared_error, walk_error, with_random_actions
@@ -83,5 +83,19 @@ def test_random_actions_keep_to_what_is_legal():
         with_random_actions(maze, 2)
 
 
-def test_backups_in_a_second_are_counted():
-    assert 1e3 < backups_per_second(gridworld(20, 20)) < 1e11
+def test_backups_in_a_second_are_counted(monkeypatch):
+    grid, clock = gridworld(20, 20), iter([10.0, 10.5])
+    monkeypatch.setattr("time.perf_counter", lambda: next(clock))
+    assert backups_per_second(grid) == value_iteration(grid, 0.9, tol=1e-3).n_iter * 400 / 0.5
+
+
+def test_what_cannot_be_measured_is_refused():
+    settings = dict(alpha=0.5, epsilon=0.0)
+    with pytest.raises(ValueError, match="^world: got str, must be a FiniteMDP"):
+        first_updates(sarsa, "cliff", 1.0, 3, **settings)
+    with pytest.raises(ValueError, match="^n_steps: got 2, but update 1 changes no entry"):
+        first_updates(q_learning, dyna_maze(), 0.95, 2, **settings)
+    with pytest.raises(ValueError, match=r"^V: got shape \(\), must be \(S,\)"):
+        squared_error(0.0, [([0, 1], [3.0])], 0.9)
+    with pytest.raises(ValueError, match="^states: got 1, must be as many as rewards, or one more"):
+        squared_error(np.zeros(2), [([0], [3.0, 1.0])], 0.9)

@@ -11,24 +11,10 @@ from sphinx.util.docutils import SphinxDirective
 from companion import ledger, repository
 
 ORDER = [
-    "results",
-    "mdp",
-    "bellman",
-    "dp",
-    "planning",
-    "td",
-    "traces",
-    "nn",
-    "policies",
-    "reinforce",
-    "ppo",
-    "trpo",
-    "losses",
-    "envs",
-    "sweep",
-    "explore",
-    "plots",
-]
+    "results", "mdp", "bellman", "dp", "planning", "tabular", "experience", "episodes", "td", "returns", "traces",
+    "measure", "optimizers", "neurons", "nn", "torchnet", "digits", "policies", "policy_gradient", "reinforce", "ppo",
+    "trpo", "losses", "envs", "sweep", "explore", "plots",
+]  # fmt: skip
 MENTION = re.compile(r"\b(?:eq|fig|tab|alg|ex|cl|om)-[a-z0-9-]*[a-z0-9]\b")
 
 
