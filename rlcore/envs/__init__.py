@@ -1,6 +1,7 @@
-"""The document's worlds as FiniteMDPs, and MDPEnv, which shows any of them as a gymnasium environment."""
+"""The document's worlds as FiniteMDPs; as gymnasium environments, any of them (MDPEnv), and Catch from pixels."""
 
 from rlcore.envs.cartpole import *  # noqa: F403
+from rlcore.envs.catch import *  # noqa: F403
 from rlcore.envs.games import *  # noqa: F403
 from rlcore.envs.golf import *  # noqa: F403
 from rlcore.envs.grids import *  # noqa: F403
@@ -11,8 +12,8 @@ from rlcore.envs.small import *  # noqa: F403
 
 
 def __getattr__(name):
-    if name == "MDPEnv":  # gymnasium takes 0.3 s to import: only who asks for it pays
-        from rlcore.envs.gym import MDPEnv
+    if name in ("Catch", "MDPEnv"):  # gymnasium takes 0.3 s to import: only who asks for it pays
+        from rlcore.envs import gym
 
-        return MDPEnv
+        return getattr(gym, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,7 +1,9 @@
-"""A FiniteMDP as a gymnasium environment."""
+"""A FiniteMDP as a gymnasium environment, and Catch from its pixels."""
 
 import gymnasium as gym
+import numpy as np
 
+from rlcore.envs.catch import catch, catch_pixels
 from rlcore.mdp import FiniteMDP, cumulative, draw
 
 
@@ -66,3 +68,32 @@ class MDPEnv(gym.Env):
         self.s = int(m.next_state[s, a, k])
         terminated = bool(m.terminal[self.s])
         return self.s, float(m.reward[s, a, k]), terminated, False, {"action_mask": self.action_mask()}
+
+
+class Catch(gym.Env):
+    """The game of `catch` seen as 50 pixels, a Box observation of 0 and 1, float32. ex-up-down, ex-outcome
+
+    n_actions: 3 for left, stay and right, 2 without stay. Each episode has 9 steps and never truncates; `s` is the
+    state's number in `catch`.
+    """
+
+    metadata = {"render_modes": []}
+
+    def __init__(self, n_actions=3):
+        self.mdp, pixels = catch(n_actions), catch_pixels()
+        self.observation_space = gym.spaces.Box(0.0, 1.0, pixels.shape[1:], np.float32)
+        self.action_space = gym.spaces.Discrete(n_actions)
+        self.s = int(self.mdp.terminal.argmax())
+        self._pixels, self._terminal = list(pixels), self.mdp.terminal.tolist()
+        self._start = np.flatnonzero(self.mdp.start).tolist()
+        self._next, self._reward = (x[:, :, 0].tolist() for x in (self.mdp.next_state, self.mdp.reward))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.s = self._start[int(self.np_random.random() * len(self._start))]
+        return self._pixels[self.s].copy(), {}
+
+    def step(self, action):
+        a = self.mdp._index("action", action, self.mdp.n_actions)
+        s, self.s = self.s, self._next[self.s][a]
+        return self._pixels[self.s].copy(), self._reward[s][a], self._terminal[self.s], False, {}

@@ -1,0 +1,44 @@
+"""Catch: a ball falls through a field of 10 x 5 pixels, and the paddle has to be under it at the end."""
+
+import numpy as np
+
+from rlcore.mdp import FiniteMDP
+
+__all__ = ["CATCH_ROWS", "CATCH_COLS", "catch", "catch_pixels"]
+
+CATCH_ROWS, CATCH_COLS = 10, 5
+MOVES = {2: (-1, 1), 3: (-1, 0, 1)}
+NAMES = {2: ("left", "right"), 3: ("left", "stay", "right")}
+
+
+def catch(n_actions=3):
+    """The game as a FiniteMDP of 250 states (row of the ball, its column, column of the paddle). ex-outcome, ex-up-down
+
+    The ball starts in the top row, its column random, the paddle in the middle; each of the 9 steps moves the ball a
+    row down and the paddle a column, walls permitting. +1 for a catch, -1 for a miss, 0 before. n_actions: 3 for left,
+    stay and right, 2 without stay. Source: Mnih et al. (2014); Osband et al. (2020), bsuite.
+    """
+    if not isinstance(n_actions, (int, np.integer)) or n_actions not in MOVES:
+        raise ValueError(f"n_actions: got {n_actions!r}, must be 2 (left, right) or 3 (left, stay, right)")
+    outcomes = {}
+    for row, ball, paddle in np.ndindex(CATCH_ROWS - 1, CATCH_COLS, CATCH_COLS):
+        for a, move in enumerate(MOVES[n_actions]):
+            under = min(max(paddle + move, 0), CATCH_COLS - 1)
+            r = 0.0 if row + 2 < CATCH_ROWS else 1.0 if under == ball else -1.0
+            outcomes[_number(row, ball, paddle), a] = [(1.0, _number(row + 1, ball, under), r)]
+    n_states = CATCH_ROWS * CATCH_COLS**2
+    start = np.zeros(n_states)
+    start[[_number(0, ball, CATCH_COLS // 2) for ball in range(CATCH_COLS)]] = 1 / CATCH_COLS
+    return FiniteMDP.from_outcomes(outcomes, n_states=n_states, start=start, action_names=NAMES[n_actions])
+
+
+def catch_pixels():
+    """What the screen shows in each state, (250, 50) float32: row by row, 1 where the ball or the paddle is, else 0."""
+    pixels = np.zeros((CATCH_ROWS * CATCH_COLS**2, CATCH_ROWS, CATCH_COLS), np.float32)
+    for row, ball, paddle in np.ndindex(CATCH_ROWS, CATCH_COLS, CATCH_COLS):
+        pixels[_number(row, ball, paddle), [row, -1], [ball, paddle]] = 1
+    return pixels.reshape(len(pixels), -1)
+
+
+def _number(row, ball, paddle):
+    return (row * CATCH_COLS + ball) * CATCH_COLS + paddle
