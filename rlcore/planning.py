@@ -9,6 +9,7 @@ import numpy as np
 from rlcore.bellman import check_q
 from rlcore.compiled import compiled
 from rlcore.dp import value_iteration
+from rlcore.experience import books
 from rlcore.mdp import (
     FiniteMDP,
     check_count,
@@ -168,10 +169,7 @@ def dyna_q(
 
 @compiled
 def _dyna_q(world, later, change_at, gamma, n_episodes, n_planning, alpha, epsilon, kappa, max_steps, Q, memory, rng):
-    returns, lengths = np.zeros(n_episodes), np.zeros(n_episodes, np.int64)
-    history = np.zeros((n_episodes + 1, Q.shape[0], Q.shape[1]))
-    history[0] = Q
-    now = 0
+    (history, returns, lengths), now = books(Q, n_episodes, 1), 0
     for k in range(n_episodes):
         s = draw(world.start_cdf, rng)
         while not world.terminal[s] and lengths[k] < max_steps:

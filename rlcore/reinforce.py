@@ -5,7 +5,7 @@ from numbers import Real
 import numpy as np
 
 from rlcore.compiled import compiled
-from rlcore.experience import FOREVER, act, check_max_steps, reset, run_loop, spaces
+from rlcore.experience import FOREVER, act, books, check_max_steps, reset, run_loop, spaces
 from rlcore.mdp import FiniteMDP, check_count, check_gamma, check_rng, discounted_returns
 from rlcore.nn import MLP, Adam
 from rlcore.policies import Categorical
@@ -56,9 +56,7 @@ def _reinforce(
     record,
     rng,
 ):
-    history = np.zeros((1 + (n_episodes // record if record else 0),) + theta.shape)
-    history[0] = theta
-    returns, lengths, pi = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), np.zeros(len(theta))
+    (history, returns, lengths), pi = books(theta, n_episodes, record), np.zeros(len(theta))
     states, actions, rewards, G = np.zeros(64, np.int64), np.zeros(64, np.int64), np.zeros(64), np.zeros(65)
     for k in range(n_episodes):
         s, n, done, terminated = reset(world, rng), 0, False, False
@@ -98,9 +96,7 @@ def _reinforce(
 def _actor_critic(
     world, X, legal, gamma, n_episodes, alpha, alpha_w, theta, w, discount_states, p_min, max_steps, record, rng
 ):
-    history = np.zeros((1 + (n_episodes // record if record else 0),) + theta.shape)
-    history[0] = theta
-    returns, lengths, pi = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), np.zeros(len(theta))
+    (history, returns, lengths), pi = books(theta, n_episodes, record), np.zeros(len(theta))
     for k in range(n_episodes):
         s, done, discount = reset(world, rng), False, 1.0
         while not done:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rlcore.bellman import policy_matrix, solve_policy
 from rlcore.compiled import compiled
-from rlcore.experience import act, check_max_steps, reset, run_loop, spaces
+from rlcore.experience import act, books, check_max_steps, reset, run_loop, spaces
 from rlcore.mdp import (
     FiniteMDP,
     as_floats,
@@ -222,15 +222,6 @@ def _offline_lambda_return(world, pi_cdf, gamma, n_episodes, V, max_steps, recor
 
 
 # ---------------------------------------------------------------------- what the learners share
-
-
-@compiled
-def books(table, n_episodes, record):
-    """history with the first estimates, returns and lengths of episodes still to come."""
-    n_kept = 1 + (n_episodes // record if record else 0)
-    history = np.zeros((n_kept, *table.shape))
-    history[0] = table
-    return history, np.zeros(n_episodes), np.zeros(n_episodes, np.int64)
 
 
 def check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng):

@@ -7,7 +7,7 @@ import numpy as np
 from rlcore.bellman import v_from_q
 from rlcore.compiled import compiled
 from rlcore.episodes import batch_mc, batch_td, certainty_equivalence, td_error, td_target
-from rlcore.experience import act, at, check_max_steps, check_schedule, reset, run_loop, spaces
+from rlcore.experience import act, at, books, check_max_steps, check_schedule, reset, run_loop, spaces
 from rlcore.mdp import check_count, check_gamma, check_rng, cumulative, draw
 from rlcore.results import Run
 from rlcore.tabular import check_pi, check_q0, check_v0, epsilon_greedy, expected_value, max_value, soft_greedy
@@ -54,8 +54,7 @@ def mc_prediction(world, pi, gamma, n_episodes, *, first_visit=True, target="v",
 @compiled
 def _mc_prediction(world, pi_cdf, gamma, n_episodes, first_visit, S, width, max_steps, rng):
     average, n_visits, seen_in = np.zeros(S * width), np.zeros(S * width), np.full(S * width, -1)
-    history = np.zeros((n_episodes + 1, S * width))
-    returns, lengths = np.zeros(n_episodes), np.zeros(n_episodes, np.int64)
+    history, returns, lengths = books(average, n_episodes, 1)
     visited, rewards, counts = np.zeros(max_steps, np.int64), np.zeros(max_steps), np.zeros(max_steps, np.bool_)
     for i in range(n_episodes):
         s, n, done = reset(world, rng), 0, False
@@ -100,8 +99,7 @@ def constant_alpha_mc(world, pi, gamma, n_episodes, *, alpha, V0=0.0, first_visi
 
 @compiled
 def _constant_alpha_mc(world, pi_cdf, gamma, n_episodes, alpha, V, first_visit, max_steps, record, rng):
-    history = _start_history(V, n_episodes, record)
-    returns, lengths = np.zeros(n_episodes), np.zeros(n_episodes, np.int64)
+    history, returns, lengths = books(V, n_episodes, record)
     N, seen_in = np.zeros(V.size, np.int64), np.full(V.size, -1)
     states, rewards, counts = np.zeros(64, np.int64), np.zeros(64), np.zeros(64, np.bool_)
     for k in range(n_episodes):
@@ -152,8 +150,8 @@ def td0(world, pi, gamma, n_episodes, *, alpha, V0=0.0, groups=None, max_steps=N
 
 @compiled
 def _td0(world, pi_cdf, gamma, n_episodes, alpha, V, groups, max_steps, record, rng):
-    history = _start_history(V, n_episodes, record)
-    returns, lengths, N = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), np.zeros(V.size, np.int64)
+    history, returns, lengths = books(V, n_episodes, record)
+    N = np.zeros(V.size, np.int64)
     for k in range(n_episodes):
         s, done = reset(world, rng), False
         while not done:
@@ -195,8 +193,8 @@ def sarsa(world, gamma, n_episodes, *, alpha, epsilon=None, pi=None, Q0=0.0, max
 
 @compiled
 def _sarsa(world, gamma, n_episodes, alpha, epsilon, Q, max_steps, record, pi_cdf, rng):
-    N, history = np.zeros(Q.shape, np.int64), _start_history(Q, n_episodes, record)
-    returns, lengths, now = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), 0
+    history, returns, lengths = books(Q, n_episodes, record)
+    N, now = np.zeros(Q.shape, np.int64), 0
     for k in range(n_episodes):
         s, done = reset(world, rng), False
         eps = at(epsilon, now if epsilon.per_step else k)
@@ -227,8 +225,8 @@ def expected_sarsa(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_step
 
 @compiled
 def _expected_sarsa(world, gamma, n_episodes, alpha, epsilon, Q, max_steps, record, rng):
-    N, history = np.zeros(Q.shape, np.int64), _start_history(Q, n_episodes, record)
-    returns, lengths, now = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), 0
+    history, returns, lengths = books(Q, n_episodes, record)
+    N, now = np.zeros(Q.shape, np.int64), 0
     for k in range(n_episodes):
         s, done = reset(world, rng), False
         while not done:
@@ -257,8 +255,8 @@ def q_learning(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_steps=No
 
 @compiled
 def _q_learning(world, gamma, n_episodes, alpha, epsilon, Q, max_steps, record, rng):
-    N, history = np.zeros(Q.shape, np.int64), _start_history(Q, n_episodes, record)
-    returns, lengths, now = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), 0
+    history, returns, lengths = books(Q, n_episodes, record)
+    N, now = np.zeros(Q.shape, np.int64), 0
     for k in range(n_episodes):
         s, done = reset(world, rng), False
         while not done:
@@ -276,13 +274,6 @@ def _q_learning(world, gamma, n_episodes, alpha, epsilon, Q, max_steps, record, 
 
 
 # ---------------------------------------------------------------------- what the loops share
-
-
-@compiled
-def _start_history(table, n_episodes, record):
-    history = np.zeros((1 + (n_episodes // record if record else 0),) + table.shape)
-    history[0] = table
-    return history
 
 
 def _control(loop, world, gamma, n_episodes, alpha, epsilon, Q0, max_steps, record, rng, *more, pi=None):

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.compiled import compiled
-from rlcore.experience import act, check_max_steps, reset, run_loop, spaces
+from rlcore.experience import act, books, check_max_steps, reset, run_loop, spaces
 from rlcore.mdp import as_floats, as_integers, check_count, check_gamma, check_probability, check_rng, cumulative, draw
 from rlcore.results import Run
 from rlcore.returns import (
-    books,
     check_prediction,
     complex_backup,
     error_reduction,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rlcore.dp import value_iteration
-from rlcore.experience import decaying
+from rlcore.experience import books, decaying
 from rlcore.mdp import FiniteMDP, Trajectory, cumulative, draw, uniform_policy
 from rlcore.measure import backups_per_second, first_updates, repeat, squared_error, walk_error, with_random_actions
 from rlcore.tabular import epsilon_greedy, soft_greedy
@@ -122,6 +122,16 @@ def moved_to_returns(episodes, V, alpha, first_visit, history):
                 N[s] += 1
         history.append(V.copy())
     return np.array(history)
+
+
+@pytest.mark.parametrize("record, kept", [(0, 1), (1, 8), (3, 3), (8, 1)])
+@pytest.mark.parametrize("table", [np.array([1.0, 2.0]), np.array([[3.0, -np.inf]])])
+def test_books_start_with_the_first_estimates(table, record, kept):
+    history, returns, lengths = books(table, 7, record)
+    assert history.shape == (kept, *table.shape) and np.array_equal(history[0], table) and not history[1:].any()
+    assert returns.tolist() == lengths.tolist() == [0] * 7 and (returns.dtype, lengths.dtype) == (float, np.int64)
+    table[:] = 0.0
+    assert history[0].any(), "history must not share memory with what is learned"
 
 
 @pytest.mark.parametrize("first_visit", [True, False])
