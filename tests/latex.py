@@ -6,8 +6,12 @@ cannot read is a SyntaxError: nothing on the page is passed over in silence.
 """
 
 import itertools
+import json
 import re
+from functools import cache
+from pathlib import Path
 
+BOOK = Path(__file__).parents[1] / "book"
 IGNORED = r"\\[,;!:> ]|\\(?:quad|qquad|[Bb]igg?[lr]?|left|right|displaystyle|notag|nonumber)(?![a-zA-Z])|&|~"
 TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+|\\[{}]|\S")
 
@@ -331,3 +335,34 @@ def _continued(before, after):
         return sum(term(n)(scope, names) for n in range(1, last - start + 1))
 
     return value
+
+
+# ---------------------------------------------------------------------- the page
+
+
+@cache
+def markdown(page):
+    cells = json.loads((BOOK / f"{page}.ipynb").read_text(encoding="utf-8"))["cells"]
+    return "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+
+
+@cache
+def displays(page):
+    """[(ids, LaTeX)] of every $$ ... $$, in order: its label, eq-7, and the anchors eq-... and om-... before it."""
+    found, end = [], 0
+    for m in re.finditer(r"\$\$(.+?)\$\$(?:[ ]*\(([\w-]+)\))?", markdown(page), re.S):
+        anchors = re.findall(r'<span id="((?:eq|om)-[^"]*)">', markdown(page)[end : m.start()])
+        found.append((anchors + [m[2]] * bool(m[2]), m[1]))
+        end = m.end()
+    return found
+
+
+def printed(page):
+    """{id: LaTeX} of the displays."""
+    return {name: latex for names, latex in displays(page) for name in names}
+
+
+def inline(page, anchor, start):
+    """The first $ ... $ after an anchor that begins with `start`."""
+    text = markdown(page).split(f'<span id="{anchor}"></span>')[1]
+    return next(m for m in re.findall(r"(?<!\$)\$([^$]+)\$", text) if m.startswith(start))

@@ -3,14 +3,12 @@
 The episode visits states 0, 1, ..., T in turn, so that one step of a method changes one entry.
 """
 
-import json
 import re
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
-from latex import Scope, sides
+from latex import Scope, printed, sides
 
 from rlcore.mdp import FiniteMDP, deterministic_policy, discounted_returns
 from rlcore.td import constant_alpha_mc, q_learning, sarsa, td0, td_error
@@ -27,7 +25,6 @@ from rlcore.traces import (
     watkins_q_lambda,
 )
 
-BOOK = Path(__file__).parents[1] / "book"
 T, N, GAMMA, ALPHA, LAM = 6, 3, 0.7, 0.3, 0.6
 PAGES = {
     "04_temporal_difference": ["eq-18", "eq-19", "eq-20", "eq-21", "om-td-error"],
@@ -47,7 +44,7 @@ def rng(seed=0):
 @cache
 def episode():
     """A chain with two actions that pay differently; actions taken, rewards, V, Q, traces before, one error."""
-    draw = rng(1)
+    draw = rng(3)  # A_1 is not the greedy action
     reward, actions = draw.normal(size=(T, 2)), draw.integers(2, size=T)
     chain = FiniteMDP.from_outcomes({(s, a): [(1.0, s + 1, reward[s, a])] for s in range(T) for a in (0, 1)}, start=0)
     V, Q = np.append(draw.normal(size=T), 0.0), np.vstack([draw.normal(size=(T, 2)), np.zeros(2)])
@@ -84,6 +81,19 @@ def first_step(method, **settings):
     raise AssertionError("A_0 never came up")
 
 
+def sarsa_error():
+    """delta_0 of Sarsa(lambda) in a run that happened to take A_0 and A_1."""
+    chain, actions, _, _, Q, _, _ = episode()
+    for seed in range(50):
+        one, two = (
+            sarsa_lambda(chain, GAMMA, LAM, 1, alpha=ALPHA, epsilon=1.0, Q0=Q, max_steps=n, rng=rng(seed)).Q
+            for n in (1, 2)
+        )
+        if [*(two != Q)[:2].argmax(axis=1)] == [*actions[:2]]:
+            return (one - Q)[0, actions[0]] / ALPHA
+    raise AssertionError("A_0 and A_1 never came up")
+
+
 def expected(name):
     """(what rlcore computes, names of the free variables): a number at t = 0, or one for each s, or each s and a."""
     chain, actions, rewards, V, Q, E, delta = episode()
@@ -105,8 +115,6 @@ def expected(name):
         change = np.zeros(T + 1)
         credit(change, E[:, 0].copy(), np.arange(T + 1), T + 1, ALPHA * delta, 0.5)
         return change, ("s",)
-    on_policy = sarsa_lambda(chain, GAMMA, LAM, 1, alpha=ALPHA, epsilon=0.0, Q0=Q, max_steps=1, rng=rng()).Q - Q
-    a0, a1 = Q[0].argmax(), Q[1].argmax()
     return {
         "eq-18": lambda: constant_alpha_mc(chain, pi, GAMMA, 1, V0=V, **learn).V[0],
         "eq-19": lambda: td0(chain, pi, GAMMA, 1, V0=V, max_steps=1, **learn).V[0],
@@ -119,28 +127,14 @@ def expected(name):
         "eq-32": lambda: lambda_return(rewards, V[:T], GAMMA, LAM)[0],
         "eq-33": lambda: summed.V[0] - V[0],
         "eq-35": lambda: trace_update(E[0, 0], 1.0, GAMMA * LAM, "accumulating"),
-        "eq-36": lambda: backward_increments([0], rewards[:1], V[:1], GAMMA, LAM, 1.0)[0, 0] + GAMMA * V[1],
-        "eq-39": lambda: on_policy[0, a0] / ALPHA - chain.reward[0, a0, 0] + rewards[0] + Q[0, a0] - Q[here]
-        - GAMMA * Q[1, a1] + GAMMA * Q[1, actions[1]],
+        "eq-36": lambda: backward_increments([0, 1], rewards[:1], V, GAMMA, LAM, 1.0)[0, 0],
+        "eq-39": lambda: sarsa_error(),
         "eq-41": lambda: (first_step(
             lambda m, seed: watkins_q_lambda(m, GAMMA, LAM, 1, epsilon=1.0, rng=rng(seed), **step)
         ) - Q[here]) / ALPHA,
         "eq-u-complex-example": lambda: complex_backup(rewards, V[:T], GAMMA, {2: 0.5, 4: 0.5})[0],
         "om-td-error": lambda: td_error(rewards[0], V[0], V[1], GAMMA),
     }[name](), ()  # fmt: skip
-
-
-@cache
-def printed(page):
-    """{id: LaTeX}: $$ ... $$ (eq-7), or the first $$ ... $$ after an anchor."""
-    cells = json.loads((BOOK / f"{page}.ipynb").read_text(encoding="utf-8"))["cells"]
-    text = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
-    found = {m[2]: m[1] for m in re.finditer(r"\$\$((?:(?!\$\$).)+?)\$\$\s*\((eq-\d+)\)", text, re.S)}
-    for name in PAGES[page]:
-        if name not in found:
-            start = text.index(f'<span id="{name}"></span>')
-            found[name] = re.compile(r"\$\$(.+?)\$\$", re.S).search(text, start)[1]
-    return found
 
 
 def right_side(latex):
@@ -172,6 +166,7 @@ BREAKS = {
     "state": (r"S_\{t\+[12n4]\}", "S_t"),
     "reward": (r"R_\{t\+1\}", "R_{t+2}"),
     "maximum": (r"\\max_\{a'?\}", r"\\sum_{a}"),
+    "greedy": (r"Q(_t)?\(S_\{t\+1\}, A_\{t\+1\}\)", r"\\max_{a} Q\1(S_{t+1}, a)"),
     "index": (r"\^\{t\+n\}", "^{t+1}"),
     "half": (r"\\tfrac12", r"\\tfrac13"),
     "indicator": (r"I_\{aA_t\}", ""),
