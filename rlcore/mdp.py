@@ -391,17 +391,20 @@ def check_rng(rng):
 
 def check_policy(mdp, pi):
     """pi as a float array; ValueError unless it is (S, A) with rows that are distributions over A(s)."""
+    return check_pi(check_mdp(mdp).legal, pi)
+
+
+def check_pi(legal, pi):
+    """As check_policy, where all that is known is which actions are legal, (S, A) bool."""
     pi = as_floats("pi", pi)
-    if pi.shape != check_mdp(mdp).legal.shape:
-        raise ValueError(f"pi: got shape {pi.shape}, must be {mdp.legal.shape}")
+    if pi.shape != legal.shape:
+        raise ValueError(f"pi: got shape {pi.shape}, must be {legal.shape}")
     bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= 1e-9))
     if bad.any():
         s = np.flatnonzero(bad)[0]
         raise ValueError(f"pi: row {s} is {pi[s]}, must be probabilities that sum to 1")
-    if (pi[~mdp.legal] > 0).any():
-        raise ValueError(
-            f"pi: probability on an action that is not legal at {_where((pi > 0) & ~mdp.legal)}, must be 0"
-        )
+    if (pi[~legal] > 0).any():
+        raise ValueError(f"pi: probability on an action that is not legal at {_where((pi > 0) & ~legal)}, must be 0")
     return pi
 
 

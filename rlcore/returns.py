@@ -15,6 +15,7 @@ from rlcore.mdp import (
     as_integers,
     check_count,
     check_gamma,
+    check_pi,
     check_probability,
     check_rng,
     check_values,
@@ -22,7 +23,7 @@ from rlcore.mdp import (
     draw,
 )
 from rlcore.results import Run
-from rlcore.tabular import check_pi, check_rate, check_v0
+from rlcore.tabular import check_rate, check_v0
 
 READINGS = ("in order", "summed", "recomputed")
 

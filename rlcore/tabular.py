@@ -74,18 +74,6 @@ def check_rate(alpha):
     return float(alpha)
 
 
-def check_pi(legal, pi):
-    """pi as (S, A) floats; ValueError unless its rows are distributions over the legal actions."""
-    pi = as_floats("pi", pi)
-    if pi.shape != legal.shape:
-        raise ValueError(f"pi: got shape {pi.shape}, must be {legal.shape}")
-    good = (pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= 1e-9) & ~(legal < (pi > 0)).any(axis=1)
-    if not good.all():
-        s = np.flatnonzero(~good)[0]
-        raise ValueError(f"pi: row {s} is {pi[s]}, must be probabilities of legal actions that sum to 1")
-    return pi
-
-
 def check_v0(terminal, V0):
     """V0, a number or (S,), as a new (S,) float array with 0 at terminal states."""
     return _table("V0", V0, terminal.shape, np.zeros(terminal.shape), ~terminal)

@@ -8,9 +8,9 @@ from rlcore.bellman import v_from_q
 from rlcore.compiled import compiled
 from rlcore.episodes import batch_mc, batch_td, certainty_equivalence, td_error, td_target
 from rlcore.experience import act, at, books, check_max_steps, check_schedule, reset, run_loop, spaces
-from rlcore.mdp import check_count, check_gamma, check_rng, cumulative, draw
+from rlcore.mdp import check_count, check_gamma, check_pi, check_rng, cumulative, draw
 from rlcore.results import Run
-from rlcore.tabular import check_pi, check_q0, check_v0, epsilon_greedy, expected_value, max_value, soft_greedy
+from rlcore.tabular import check_q0, check_v0, epsilon_greedy, expected_value, max_value, soft_greedy
 
 __all__ = [
     "batch_mc",

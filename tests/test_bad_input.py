@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from worlds import awkward, loop, stay_or_go
 
-from rlcore import bellman, dp, envs, mdp
+from rlcore import bellman, dp, envs, mdp, td, traces
 from rlcore.mdp import FiniteMDP, uniform_policy
 from rlcore.tabular import check_rate
 
@@ -183,6 +183,14 @@ CASES = {
     ),
     "policy to improve": (
         lambda: dp.policy_improvement(ROBOT, 0.0, 0.9, pi=ILLEGAL), "pi: probability on an action", "(s=0, a=2)",
+    ),
+    "learning under an illegal policy": (
+        lambda: td.td0(ROBOT, ILLEGAL, 0.9, 1, alpha=0.1, max_steps=3, rng=RNG), "pi: probability on an action that",
+        "(s=0, a=2)",
+    ),
+    "traces under an illegal policy": (
+        lambda: traces.td_lambda(ROBOT, ILLEGAL, 0.9, 0.5, 1, alpha=0.1, max_steps=3, rng=RNG), "pi: probability on",
+        "(s=0, a=2)",
     ),
     "policy in words": (lambda: bellman.is_proper(ROBOT, "uniform"), "pi: got 'uniform'", "numbers"),
     "no policy": (lambda: bellman.policy_matrix(ROBOT, None), "pi: got shape ()", "(2, 3)"),
