@@ -1,0 +1,300 @@
+"""What PPO approximates, exact on small processes: surrogate, KL, lower bound, and the steps they allow (chapter 8)."""
+
+from collections import namedtuple
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from rlcore.bellman import policy_matrix, q_from_v, solve_policy
+from rlcore.mdp import as_floats, check_count, check_gamma, check_policy
+from rlcore.policies import log_softmax
+
+__all__ = [
+    "OldPolicy", "adapt_beta", "advantage", "backtracking_line_search", "constrained_ascent", "constrained_step", "eta",
+    "kl", "local_performance", "lower_bound", "max_kl", "mean_kl", "mm_maximise", "old_policy", "penalised_ascent",
+    "penalised_step", "penalty_coefficient", "policy_line", "surrogate", "trust_region_ascent", "trust_region_step",
+]  # fmt: skip
+
+
+# ---------------------------------------------------------------------- at the old policy
+
+
+def eta(mdp, pi, gamma):
+    """Performance of pi (S, A): the expected discounted return from the start distribution. fig-58"""
+    return float(mdp.start @ solve_policy(mdp, pi, gamma))
+
+
+def advantage(mdp, pi, gamma):
+    """A(s, a) = q_pi(s, a) - v_pi(s), (S, A); -inf where a is not in A(s). eq-ppo-42, cl-122"""
+    V = solve_policy(mdp, pi, gamma)
+    return q_from_v(mdp, V, gamma) - V[:, None]  # eq-ppo-42
+
+
+@dataclass(frozen=True, eq=False)
+class OldPolicy:
+    """What is known exactly at pi_old, around which the surrogates are built.
+
+    pi: (S, A). gamma: the discount. eta: its performance. A: (S, A) advantages, 0 where an action is not legal.
+    visits: (S,) expected discounted number of visits, 0 at terminal states.
+    """
+
+    pi: np.ndarray
+    gamma: float
+    eta: float
+    A: np.ndarray
+    visits: np.ndarray
+
+    @property
+    def weight(self):
+        """Part of the (discounted) time steps that is spent in each state, (S,)."""
+        return self.visits / self.visits.sum()
+
+
+def old_policy(mdp, pi, gamma):
+    """pi (S, A) as an OldPolicy; two linear solves. alg-trpo, om-trpo-step"""
+    pi, go = check_policy(mdp, pi), ~mdp.terminal
+    A = np.where(mdp.legal & go[:, None], advantage(mdp, pi, gamma), 0.0)
+    P, visits = policy_matrix(mdp, pi)[0].toarray()[go][:, go], np.zeros(mdp.n_states)
+    visits[go] = np.linalg.solve(np.eye(len(P)) - gamma * P.T, mdp.start[go])
+    return OldPolicy(pi, check_gamma(gamma), eta(mdp, pi, gamma), A, visits)
+
+
+# ---------------------------------------------------------------------- objectives of the new policy
+
+
+def surrogate(old, pi):
+    """Mean over the old policy's time steps of r_t A_t with r_t = pi / pi_old: 0 at pi_old. eq-ppo-44, eq-ppo-48
+
+    pi: (..., S, A), one policy or many. Returns (...). The ratio times the old probability is the new one.
+    """
+    return (_policies(old, pi) * old.A).sum(axis=-1) @ old.weight  # eq-ppo-44
+
+
+def local_performance(old, pi):
+    """L_old(pi): eta of pi to first order, with the states that pi_old meets instead of its own; (...). eq-ppo-46
+
+    Source: Kakade and Langford (2002); Schulman et al. (2015), equation (3).
+    """
+    return old.eta + old.visits.sum() * surrogate(old, pi)
+
+
+def kl(old, pi):
+    """KL(pi_old(.|s), pi(.|s)) in each state, (..., S); inf where pi never does what pi_old may do. eq-ppo-45"""
+    pi, used = _policies(old, pi), old.pi > 0
+    with np.errstate(divide="ignore"):
+        return (old.pi * (np.log(np.where(used, old.pi, 1.0)) - np.log(np.where(used, pi, 1.0)))).sum(axis=-1)
+
+
+def mean_kl(old, pi):
+    """KL averaged over the old policy's time steps, (...). eq-ppo-45"""
+    return np.where(old.weight > 0, kl(old, pi), 0.0) @ old.weight  # eq-ppo-45
+
+
+def max_kl(old, pi):
+    """The largest KL of any state that the old policy can be in, (...). eq-ppo-46 corrected"""
+    return np.where(old.weight > 0, kl(old, pi), 0.0).max(axis=-1)
+
+
+def penalty_coefficient(old):
+    """C = 4 epsilon gamma / (1 - gamma)^2 with epsilon the largest absolute advantage. eq-ppo-46 corrected, cl-128
+
+    Raises ValueError at gamma = 1. Source: Schulman et al. (2015), theorem 1.
+    """
+    if old.gamma == 1:
+        raise ValueError("gamma: got 1, must be below 1 for the bound: its coefficient grows without limit")
+    return 4 * np.abs(old.A).max() * old.gamma / (1 - old.gamma) ** 2
+
+
+def lower_bound(old, pi, C=None):
+    """L_old(pi) - C max_s KL, (...): never above eta(pi) with the C of `penalty_coefficient`. eq-ppo-46 corrected
+
+    C: another coefficient, for which that is not guaranteed. fig-58, cl-128, cl-129
+    """
+    C = penalty_coefficient(old) if C is None else _positive("C", C, least=0)
+    return local_performance(old, pi) - C * max_kl(old, pi)
+
+
+def policy_line(base, direction, theta):
+    """Softmax policies with one parameter: preferences base + theta direction, (S, A) each. fig-58
+
+    theta: any shape. Returns (..., S, A).
+    """
+    base, direction = as_floats("base", base), as_floats("direction", direction)
+    if base.ndim != 2 or base.shape != direction.shape:
+        raise ValueError(f"direction: got shape {direction.shape} with base of {base.shape}, must be both (S, A)")
+    return np.exp(log_softmax(base + as_floats("theta", theta)[..., None, None] * direction))
+
+
+def mm_maximise(bound, theta, n_steps, *, reach=4.0):
+    """theta_0 ... theta_n where each maximises the bound built at the one before, (n_steps + 1,). alg-mm, ex-mm
+
+    bound(theta, candidates): the minorizer built at theta, at each of the candidates (n,). They lie up to `reach` to
+    either side of theta, denser near it, and theta is one of them: what the bound minorizes never falls.
+    Source: Hunter and Lange (2004).
+    """
+    side = _positive("reach", reach) * np.geomspace(1e-6, 1, 300)
+    offsets, history = np.concatenate([[0.0], side, -side]), [float(as_floats("theta", theta))]
+    for _ in range(check_count("n_steps", n_steps)):
+        candidates = history[-1] + offsets
+        history.append(float(candidates[np.argmax(bound(history[-1], candidates))]))
+    return np.array(history)
+
+
+# ---------------------------------------------------------------------- line search and trust region
+
+
+def backtracking_line_search(f, x, direction, slope, *, shrink=0.5, c=1e-4, max_steps=60):
+    """The first of the step sizes 1, shrink, shrink^2, ... that raises f enough, and where it leads. alg-line-search
+
+    Enough is f(x + t d) >= f(x) + c t slope, the condition of Armijo. x, direction: (d,). slope: the directional
+    derivative of f at x, positive: the direction goes up. Returns t and (d,); 0 and x where no step is good.
+    Source: Nocedal and Wright (2006), algorithm 3.1.
+    """
+    x, d, slope = as_floats("x", x), as_floats("direction", direction), _positive("slope", slope)
+    if x.shape != d.shape:
+        raise ValueError(f"direction: got shape {d.shape}, must be that of x, {x.shape}")
+    t, shrink, c, here = 1.0, _fraction("shrink", shrink), _fraction("c", c), f(x)
+    for _ in range(check_count("max_steps", max_steps)):
+        if f(x + t * d) >= here + c * t * slope:
+            return t, x + t * d
+        t *= shrink
+    return 0.0, x
+
+
+def trust_region_step(g, H, radius):
+    """The p (d,) that maximises g . p + p . H p / 2 with |p| <= radius. alg-trust-region
+
+    g: (d,) gradient. H: (d, d) symmetric, of any sign. Where the top is not inside, p solves (lambda I - H) p = g with
+    |p| = radius. Source: Nocedal and Wright (2006), theorem 4.1 and section 4.3.
+    """
+    g, H, radius = as_floats("g", g), as_floats("H", H), _positive("radius", radius)
+    if g.ndim != 1 or H.shape != (g.size, g.size) or not np.allclose(H, H.T):
+        raise ValueError(f"H: got shape {H.shape}, must be symmetric, {(g.size, g.size)}")
+    curve, axes = np.linalg.eigh(H)
+    b, top = axes.T @ g, max(curve[-1], 0.0)
+    if curve[-1] < 0 and np.linalg.norm(b / curve) <= radius:
+        return -axes @ (b / curve)
+    low, high = top, top + np.linalg.norm(b) / radius  # at high the step is no longer than the radius
+    for _ in range(200):
+        lam = (low + high) / 2
+        longer = np.linalg.norm(np.divide(b, lam - curve, out=np.zeros_like(b), where=b != 0)) > radius
+        low, high = (lam, high) if longer else (low, lam)
+    p = np.divide(b, high - curve, out=np.zeros_like(b), where=high > curve)
+    if curve[-1] > 0:  # the hard case: g says nothing about the steepest axis, go along it to the edge
+        p[-1] += np.copysign(np.sqrt(max(radius**2 - p @ p, 0.0)), p[-1])
+    return axes @ p
+
+
+def trust_region_ascent(f, gradient, hessian, x, n_steps, *, radius=1.0, max_radius=10.0):
+    """n_steps trust region steps: positions (n_steps + 1, d) and radii (n_steps + 1,). alg-trust-region
+
+    The radius halves where f rises by less than a quarter of what the quadratic model says, doubles where it rises by
+    more than three quarters and the step went to the edge; a step that lowers f is not taken.
+    Source: Nocedal and Wright (2006), algorithm 4.1.
+    """
+    xs, radii, limit = [as_floats("x", x)], [_positive("radius", radius)], _positive("max_radius", max_radius)
+    for _ in range(check_count("n_steps", n_steps)):
+        x, r, g, H = xs[-1], radii[-1], gradient(xs[-1]), hessian(xs[-1])
+        p = trust_region_step(g, H, r)
+        rise, model = f(x + p) - f(x), g @ p + p @ H @ p / 2
+        ratio = rise / model if model > 0 else 1.0
+        at_edge = np.linalg.norm(p) > 0.999 * r
+        radii.append(r / 2 if ratio < 0.25 else min(2 * r, limit) if ratio > 0.75 and at_edge else r)
+        xs.append(x + p if rise > 0 else x)
+    return np.array(xs), np.array(radii)
+
+
+# ---------------------------------------------------------------------- exact steps of a tabular softmax
+
+
+def penalised_step(old, beta):
+    """The policy (S, A) that maximises surrogate - beta mean KL. eq-ppo-46, alg-kl-penalty, ex-beta
+
+    In each state pi(a) = beta pi_old(a) / (lambda - A(a)), where lambda makes the sum 1; Newton from the left finds it.
+    An action that pi_old never takes stays so, as with any softmax. Source: Grill et al. (2020), section 3.
+    """
+    beta, A = _positive("beta", beta), np.where(old.pi > 0, old.A, -np.inf)
+    gap = A.max(axis=1, keepdims=True) - A
+    mu = (beta * old.pi - gap).max(axis=1, keepdims=True)  # mu = lambda - max A, from where one of the terms is 1
+    for _ in range(30):
+        terms = beta * old.pi / (mu + gap)
+        mu += (terms.sum(axis=1, keepdims=True) - 1) / (terms / (mu + gap)).sum(axis=1, keepdims=True)
+    pi = beta * old.pi / (mu + gap)
+    return pi / pi.sum(axis=1, keepdims=True)
+
+
+def constrained_step(old, delta):
+    """The policy that maximises the surrogate under mean KL <= delta, and its beta. eq-ppo-44, eq-ppo-45, alg-trpo
+
+    The beta whose `penalised_step` has a mean KL of delta: the constraint chooses the penalty. Returns (S, A) and a
+    number; pi_old itself with beta = inf where no advantage is left. Source: Schulman et al. (2015), equation (12).
+    """
+    delta, scale = _positive("delta", delta), np.abs(old.A).max()
+    if scale <= 1e-12 * max(1.0, abs(old.eta)):
+        return old.pi, np.inf
+    low, high = np.log(scale) - 30, np.log(scale) + 30
+    for _ in range(60):
+        middle = (low + high) / 2
+        farther = mean_kl(old, penalised_step(old, np.exp(middle))) > delta
+        low, high = (middle, high) if farther else (low, middle)
+    return penalised_step(old, np.exp(high)), float(np.exp(high))
+
+
+def adapt_beta(beta, d, d_target):
+    """beta after an update that moved the policy by a mean KL of d. om-adaptive-beta, alg-kl-adaptive, cl-131
+
+    Half where d < d_target / 1.5, twice where d > 1.5 d_target. Source: Schulman et al. (2017), section 4.
+    """
+    beta, d_target = _positive("beta", beta), _positive("d_target", d_target)
+    d = _positive("d", d, least=0)
+    return beta / 2 if d < d_target / 1.5 else 2 * beta if d > 1.5 * d_target else beta  # om-adaptive-beta
+
+
+Steps = namedtuple("Steps", "eta kl beta pi")  # (n + 1,), (n,), (n,), (S, A): performance, mean KL, beta, last policy
+
+
+def penalised_ascent(mdp, pi, gamma, n_steps, *, beta, d_target=None):
+    """n_steps exact penalised steps from pi, as Steps; beta stays, or adapts to d_target. alg-kl-adaptive, ex-beta"""
+    old, etas, kls, betas = old_policy(mdp, pi, gamma), [], [], []
+    for _ in range(check_count("n_steps", n_steps)):
+        new = penalised_step(old, beta)
+        etas, kls, betas = [*etas, old.eta], [*kls, float(mean_kl(old, new))], [*betas, float(beta)]
+        beta = beta if d_target is None else adapt_beta(beta, kls[-1], d_target)
+        old = old_policy(mdp, new, gamma)
+    return Steps(np.array([*etas, old.eta]), np.array(kls), np.array(betas), old.pi)
+
+
+def constrained_ascent(mdp, pi, gamma, n_steps, *, delta):
+    """n_steps exact constrained steps from pi, as Steps with the beta that each constraint implies. alg-trpo, cl-127"""
+    old, etas, kls, betas = old_policy(mdp, pi, gamma), [], [], []
+    for _ in range(check_count("n_steps", n_steps)):
+        new, beta = constrained_step(old, delta)
+        etas, kls, betas = [*etas, old.eta], [*kls, float(mean_kl(old, new))], [*betas, beta]
+        old = old_policy(mdp, new, gamma)
+    return Steps(np.array([*etas, old.eta]), np.array(kls), np.array(betas), old.pi)
+
+
+# ---------------------------------------------------------------------- checks
+
+
+def _policies(old, pi):
+    """pi as (..., S, A) floats; ValueError unless its rows are distributions."""
+    pi = as_floats("pi", pi)
+    if pi.shape[-2:] != old.pi.shape:
+        raise ValueError(f"pi: got shape {pi.shape}, must end in {old.pi.shape}")
+    if not ((pi >= 0).all() and (np.abs(pi.sum(axis=-1) - 1) <= 1e-9).all()):
+        raise ValueError("pi: has a row that is no distribution, must be probabilities that sum to 1")
+    return pi
+
+
+def _fraction(name, value):
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < 1:
+        raise ValueError(f"{name}: got {value!r}, must be in (0, 1)")
+    return float(value)
+
+
+def _positive(name, value, least=None):
+    if isinstance(value, bool) or not isinstance(value, Real) or not (value > 0 or value == least) or value == np.inf:
+        raise ValueError(f"{name}: got {value!r}, must be a number {'of at least' if least == 0 else 'above'} 0")
+    return float(value)
