@@ -122,6 +122,21 @@ class MLP:
                 np.matmul(delta.T, a[l], out=d_weights[l])
         return gradient
 
+    def jvp(self, v):
+        """Change of the last `forward`'s outputs for a small change v (P,) of theta, divided by its size.
+
+        Forward mode: beside each layer's activation goes its derivative. Source: Pearlmutter (1994).
+        """
+        v = np.asarray(v, self.theta.dtype)
+        if v.shape != self.theta.shape or not self.zs:
+            raise ValueError(f"v: got shape {v.shape}, must be {self.theta.shape}, after a forward pass")
+        da = np.zeros_like(self.activations[0])
+        for l, (dw, db) in enumerate(zip(*_layers(v, self.sizes))):
+            a, z = self.activations[l], self.zs[l]
+            dz = da @ self.weights[l].T + a @ dw.T + db
+            da = dz * self._slope[l](z, self.activations[l + 1])
+        return da
+
     def step(self, gradient):
         """One step of the optimizer, theta changed in place."""
         take_step(self, gradient)
@@ -243,6 +258,21 @@ def step_bump_network(f, n, *, interval=(0.0, 1.0), w=1000.0, heights="centre", 
     net.weights[0][:] = check_positive("w", w)
     net.biases[0][:] = -w * np.column_stack((edges[:-1], edges[1:])).ravel()  # eq-nn-24
     net.weights[1][0] = np.column_stack((h, -h)).ravel()  # eq-u-bump
+    return net
+
+
+def check_network(name, net, n_in, n_out):
+    """ValueError unless net is an MLP or TorchNet with an optimizer, from n_in numbers to n_out."""
+    if not all(hasattr(net, part) for part in ("forward", "backward", "step", "theta")):
+        raise ValueError(f"{name}: got {type(net).__name__}, must be an MLP or a TorchNet")
+    if getattr(net, "optimizer", None) is None:
+        raise ValueError(f"{name}: has no optimizer, needs one such as Adam(0.01)")
+    try:
+        shape = np.shape(net.forward(np.zeros((2, n_in))))
+    except Exception as error:
+        raise ValueError(f"{name}: does not take observations of {n_in} numbers ({error})") from None
+    if shape != (2, n_out):
+        raise ValueError(f"{name}: got {shape[-1:]} outputs, must be {n_out}")
     return net
 
 

@@ -65,6 +65,15 @@ class Categorical:
         """Gradient of KL(self, other) with respect to the logits of `other`: in chapter 8 that is the new policy."""
         return _same(self, other).probs - self.probs
 
+    def take(self, rows):
+        """The policy in some of the states."""
+        return Categorical(self.logits[rows])
+
+    def fisher(self, d_logits):
+        """Fisher information of the logits times a change of them, (B, A): second derivative of KL(self, .) at self."""
+        p = self.probs
+        return p * (d_logits - (p * d_logits).sum(axis=-1, keepdims=True))
+
     def _actions(self, a):
         a, A = np.asarray(a), self.logits.shape[-1]
         if a.dtype.kind not in "iu":
@@ -127,6 +136,14 @@ class Gaussian:
         """Gradient of KL(self, other) with respect to the outputs of `other`: in chapter 8 that is the new policy."""
         z = (_same(self, other).mean - self.mean) * np.exp(-other.log_std)
         return z * np.exp(-other.log_std), 1 - np.exp(2 * (self.log_std - other.log_std)) - z**2
+
+    def take(self, rows):
+        """The policy in some of the states."""
+        return Gaussian(self.mean[rows], self.log_std[rows])
+
+    def fisher(self, d_mean, d_log_std):
+        """Fisher information of (mean, log_std) times a change of them: second derivative of KL(self, .) at self."""
+        return d_mean * np.exp(-2 * self.log_std), 2 * np.broadcast_to(d_log_std, self.mean.shape)
 
     def _z(self, a):
         a = np.asarray(a, self.mean.dtype)

@@ -50,7 +50,7 @@ class TorchNet:
         if self._flat.device.type != "cpu":
             self._flat.copy_(self._torch.from_numpy(self.theta))
         x = self._torch.as_tensor(np.asarray(x, self.theta.dtype), device=self._flat.device)
-        self._outputs = self.module(x)
+        self._x, self._outputs = x, self.module(x)
         return self._outputs.detach().cpu().numpy()
 
     def backward(self, d_outputs):
@@ -60,6 +60,15 @@ class TorchNet:
         options = dict(retain_graph=True, allow_unused=True, materialize_grads=True)
         parts = self._torch.autograd.grad(self._outputs, self._parameters, d, **options)
         return self._torch.cat([part.reshape(-1) for part in parts]).cpu().numpy()
+
+    def jvp(self, v):
+        v = self._torch.as_tensor(np.asarray(v, self.theta.dtype), device=self._flat.device)
+        names, sizes = zip(*((name, p.numel()) for name, p in self.module.named_parameters()))
+        values = {name: p.detach() for name, p in self.module.named_parameters()}
+        changes = {name: part.view_as(values[name]) for name, part in zip(names, v.split(sizes))}
+        call = self._torch.func.functional_call
+        _, change = self._torch.func.jvp(lambda p: call(self.module, p, (self._x,)), (values,), (changes,))
+        return change.cpu().numpy()
 
     def step(self, gradient):
         take_step(self, gradient)

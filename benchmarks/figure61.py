@@ -1,0 +1,194 @@
+"""Figure 61 again: eleven settings of PPO on seven MuJoCo tasks, three seeds each.
+
+    python benchmarks/figure61.py smoke      3 settings, 2 tasks, 4,096 steps: under a minute
+    python benchmarks/figure61.py quick      4 settings, 7 tasks, 3 seeds, 100,000 steps: about ten minutes on two cores
+    python benchmarks/figure61.py tenth      11 settings, 7 tasks, 3 seeds, 100,000 steps: to figure61_tenth.csv
+    python benchmarks/figure61.py full       the same with 1,000,000 steps: about seven CPU hours; to figure61.csv
+    python benchmarks/figure61.py table      what the two tables in book/data/ hold, as scores
+
+Runs are kept in _build/figure61/, one file each: stop when you like, the same command goes on. `tenth` and `full` add
+finished runs to their table in book/data/, one row a run, and do not repeat what stands there. Settings are those of
+Schulman et al. (2017), tables 1 and 3; details that the paper leaves open follow its authors' code (OpenAI Baselines,
+ppo1): observations normalised, actions not cut to their range; the learning rate is constant, as in the paper's table.
+Different here: the tasks are gymnasium's version 5 instead of version 1, and an episode that a time limit ends is not
+taken for one that failed.
+"""
+
+import argparse
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from rlcore.ppo import PPOConfig, ppo
+from rlcore.sweep import sweep
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT / "book" / "data"
+TABLES = {"tenth": DATA / "figure61_tenth.csv", "full": DATA / "figure61.csv"}
+TASKS = ["HalfCheetah", "Hopper", "InvertedDoublePendulum", "InvertedPendulum", "Reacher", "Swimmer", "Walker2d"]
+SETTINGS = {  # name: what differs from PPOConfig()
+    "none": dict(objective="none"),
+    "clip 0.1": dict(objective="clip", clip=0.1),
+    "clip 0.2": dict(objective="clip", clip=0.2),
+    "clip 0.3": dict(objective="clip", clip=0.3),
+    "adaptive 0.003": dict(objective="kl_adaptive", d_target=0.003),
+    "adaptive 0.01": dict(objective="kl_adaptive", d_target=0.01),
+    "adaptive 0.03": dict(objective="kl_adaptive", d_target=0.03),
+    "fixed 0.3": dict(objective="kl_fixed", beta=0.3),
+    "fixed 1": dict(objective="kl_fixed", beta=1.0),
+    "fixed 3": dict(objective="kl_fixed", beta=3.0),
+    "fixed 10": dict(objective="kl_fixed", beta=10.0),
+}
+RANDOM, POINTS = "random", 10
+COLUMNS = ["task", "setting", "seed", "steps", "episodes", "score", "kl", "largest_kl", "entropy", "beta", "seconds"]
+COLUMNS += [f"return_{i}" for i in range(1, POINTS + 1)]
+
+
+def run(task, setting, n_steps, rng):
+    """One run: mean return of the last 100 episodes, what the updates did, and the returns in tenths of the run."""
+    if setting == RANDOM:
+        return random_run(task, rng)
+    config = PPOConfig(normalise_observations=True, clip_actions=False, **SETTINGS[setting])
+    ends = []
+    done = ppo(f"{task}-v5", rng=rng, n_steps=n_steps, config=config, on_episode=lambda _, steps: ends.append(steps))
+    part = np.minimum(np.array(ends, int) * POINTS // n_steps, POINTS - 1)
+    curve = {f"return_{i + 1}": _mean(done.returns[part == i]) for i in range(POINTS)}
+    h = done.history
+    diagnosis = dict(kl=np.median(h.kl), largest_kl=h.kl.max(), entropy=h.entropy[-1], beta=h.beta[-1])
+    totals = dict(steps=int(h.steps[-1]), episodes=done.returns.size, score=_mean(done.returns[-100:]))
+    return totals | {name: float(value) for name, value in diagnosis.items()} | curve
+
+
+def random_run(task, rng):
+    """Mean return of 100 episodes whose actions are uniform in the action space."""
+    import gymnasium as gym
+
+    env = gym.make(f"{task}-v5", disable_env_checker=True)
+    env.reset(seed=int(rng.integers(2**31)))
+    low, high, returns, steps = env.action_space.low, env.action_space.high, [], 0
+    for _ in range(100):
+        env.reset()
+        total, done = 0.0, False
+        while not done:
+            _, r, terminated, truncated, _ = env.step(rng.uniform(low, high).astype(np.float32))
+            total, steps, done = total + r, steps + 1, terminated or truncated
+        returns.append(total)
+    return dict(steps=steps, episodes=100, score=_mean(returns))
+
+
+def _mean(values):
+    return float(np.mean(values)) if len(values) else None
+
+
+# ---------------------------------------------------------------------- the table
+
+
+def read(path):
+    """Rows of the table, {column: value}; numbers as numbers, None where there is none."""
+    if not path.exists():
+        return []
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    return [{k: v if k in ("task", "setting") else (float(v) if v else None) for k, v in row.items()} for row in rows]
+
+
+def row(record):
+    """A finished run as a row of the table."""
+    return record.result | record.setting | dict(seed=record.seed, seconds=record.seconds)
+
+
+def write(rows, path):
+    """The table, sorted; its first lines say where the numbers come from."""
+    order = [RANDOM, *SETTINGS]
+    rows = sorted(rows, key=lambda r: (TASKS.index(r["task"]), order.index(r["setting"]), r["seed"]))
+    path.parent.mkdir(exist_ok=True)
+    part = path.with_suffix(".part")
+    with open(part, "w", newline="", encoding="utf-8") as file:
+        file.write(provenance(path))
+        out = csv.DictWriter(file, COLUMNS, extrasaction="ignore", lineterminator="\n")
+        out.writeheader()
+        out.writerows({c: _short(r.get(c)) for c in COLUMNS} for r in rows)
+    part.replace(path)
+
+
+def provenance(path):
+    import datetime
+    import importlib.metadata as metadata
+    import platform
+
+    names = "numpy", "gymnasium", "mujoco"
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in names)
+    return (
+        f"# python benchmarks/figure61.py {'full' if path == TABLES['full'] else 'tenth'}, {datetime.date.today()}\n"
+        f"# Python {platform.python_version()}, {versions}; rng = default_rng(seed)\n"
+        "# score: mean return of the last 100 episodes; kl: median over updates; return_i: mean in the i-th tenth\n"
+    )
+
+
+def _short(value):
+    if value is None or isinstance(value, str):
+        return value or ""
+    return int(value) if float(value).is_integer() else f"{value:.6g}"
+
+
+def scores(rows):
+    """{setting: {task: [score of each seed]}}, 0 for the random policy and 1 for the best run of the task."""
+    table = {}
+    for task in TASKS:
+        raw = {(r["setting"], r["seed"]): r["score"] for r in rows if r["task"] == task}
+        if all(setting == RANDOM for setting, _ in raw):
+            continue
+        floor = np.mean([v for (setting, _), v in raw.items() if setting == RANDOM])
+        best = max(v for (setting, _), v in raw.items() if setting != RANDOM)
+        for (setting, _), v in raw.items():
+            if setting != RANDOM:
+                table.setdefault(setting, {}).setdefault(task, []).append((v - floor) / (best - floor))
+    return table
+
+
+# ---------------------------------------------------------------------- tiers
+
+
+def main(tier):
+    """Run what the tier still lacks; the rows of all that it has."""
+    settings, tasks, seeds, n_steps = list(SETTINGS), TASKS, 3, 1_000_000 if tier == "full" else 100_000
+    if tier == "smoke":
+        settings, tasks, seeds, n_steps = ["none", "clip 0.2", "adaptive 0.01"], TASKS[3:5], 1, 4096
+    elif tier == "quick":
+        settings = ["none", "clip 0.2", "adaptive 0.01", "fixed 3"]
+    path = TABLES.get(tier)
+    rows = read(path) if path else []
+    known = {(r["task"], r["setting"], int(r["seed"])) for r in rows}
+    for seed in range(seeds):
+        for task in tasks:
+            wanted = [dict(task=task, setting=s, n_steps=n_steps) for s in [RANDOM, *settings]]
+            wanted = [w for w in wanted if (task, w["setting"], seed) not in known]
+            if wanted:
+                print(f"{task}, seed {seed}", file=sys.stderr)
+                records = sweep(run, wanted, [seed], ROOT / "_build" / "figure61", progress=True)
+                rows += [row(record) for record in records if record.error is None]
+                if path:
+                    write(rows, path)
+    return rows
+
+
+def show(rows):
+    table = scores(rows)
+    print(f"{'setting':16}{'score':>7}{'runs':>6}   " + " ".join(f"{t[:12]:>12}" for t in TASKS))
+    for setting, by_task in sorted(table.items(), key=lambda kv: -np.mean([np.mean(v) for v in kv[1].values()])):
+        runs = sum(map(len, by_task.values()))
+        cells = " ".join(f"{np.mean(by_task[t]):12.2f}" if t in by_task else f"{'':>12}" for t in TASKS)
+        print(f"{setting:16}{np.mean([np.mean(v) for v in by_task.values()]):7.2f}{runs:6d}   {cells}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("tier", choices=["smoke", "quick", "full", "table"])
+    tier = parser.parse_args().tier
+    try:
+        for rows in [read(path) for path in TABLES.values()] if tier == "table" else [main(tier)]:
+            show(rows)
+    except KeyboardInterrupt:
+        sys.exit("stopped; the same command goes on from here")

@@ -1,0 +1,177 @@
+"""Proximal policy optimisation: clipped, unclipped, and with a fixed or an adaptive KL penalty (chapter 8).
+
+What changes results besides the equations, and where it comes from ("ppo1": the code of the paper's authors, OpenAI
+Baselines; "paper": Schulman et al., 2017):
+  advantages of a rollout are centred and scaled before the epochs (ppo1): normalise_advantages
+  the policy's last layer starts 100 times smaller, so that the first policy is near uniform or centred (ppo1)
+  log_std is a parameter of its own, 0 at first, the same in all states (Schulman et al., 2015, appendix D)
+  v_hat learns the lambda-return A_hat + v_hat(s) by squared error, which is not clipped (ppo1)
+  observations are centred and scaled by running statistics and cut at +-5 (ppo1): normalise_observations
+  these change before the epochs; old log-probabilities are computed with the new ones, so ratios start at 1 (ppo1)
+  a truncated episode goes on with v_hat of its last state (ppo1 takes it for a terminal one)
+  continuous actions are cut to the action space before the environment sees them (Stable-Baselines3): clip_actions
+  Adam's epsilon is 1e-5, and its moments live on from rollout to rollout (ppo1)
+  the learning rate falls to 0 in a straight line (paper: on Atari only): anneal
+  an episode's step that only resets the environment is left out of the learning data
+  gradients are not clipped, and no rollout is left early because of its KL
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rlcore.actor_critic import make_agent
+from rlcore.mdp import check_count, check_rng
+from rlcore.optimizers import check_positive
+from rlcore.rollouts import Settings, gae, learning_data, make_run, rollouts, vector_env
+
+__all__ = [
+    "OBJECTIVES", "PPOConfig", "adapt_beta", "clip_gradient", "gae", "objective_gradient", "ppo", "surrogate_gradient",
+]  # fmt: skip
+
+OBJECTIVES = ("clip", "none", "kl_fixed", "kl_adaptive")
+MAX_LOG_RATIO = 20.0  # exp of more overflows float32 once it is multiplied, as happens without clipping
+FIELDS = ("steps", "kl", "largest_ratio", "outside", "entropy", "value_loss", "beta", "lr")
+
+
+@dataclass(frozen=True)
+class PPOConfig(Settings):
+    """Settings of `ppo`; the defaults are those of the paper's continuous tasks. fig-61
+
+    objective: "clip" (49), "none" (48), "kl_fixed" (46) or "kl_adaptive". clip: epsilon. beta: coefficient of the KL
+    penalty, the first one where it adapts. d_target: the KL that it adapts to. c1, c2: weights of the value loss and of
+    the entropy in (50). shared: policy and value are outputs of one network. anneal: lr falls to 0 over n_steps. The
+    others are those of `Settings`. Source: Schulman et al. (2017), tables 1 and 3.
+    """
+
+    objective: str = "clip"
+    clip: float = 0.2
+    beta: float = 1.0
+    d_target: float = 0.01
+    c1: float = 0.5
+    c2: float = 0.0
+    shared: bool = False
+    anneal: bool = False
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.objective not in OBJECTIVES:
+            raise ValueError(f"objective: got {self.objective!r}, must be one of {', '.join(OBJECTIVES)}")
+        for name in ("clip", "beta", "d_target"):
+            check_positive(name, getattr(self, name))
+        self._check_weights("c1", "c2")
+        self._check_flags("shared", "anneal")
+
+
+# ---------------------------------------------------------------------- objectives
+
+
+def surrogate_gradient(ratio, advantage):
+    """Derivative of the surrogate with respect to log pi(a|s), per sample. eq-ppo-44, eq-ppo-48
+
+    ratio, advantage: (B,). Returns (B,). At ratio 1 it is that of L^PG, which gives eq-ppo-41.
+    """
+    return ratio * advantage / ratio.size  # eq-ppo-48
+
+
+def clip_gradient(ratio, advantage, clip):
+    """Derivative of the clipped surrogate with respect to log pi(a|s), per sample. eq-ppo-49, fig-59, fig-60
+
+    ratio, advantage: (B,). clip: epsilon > 0. Returns (B,): 0 where the objective is flat.
+    """
+    flat = ((ratio > 1 + clip) & (advantage > 0)) | ((ratio < 1 - clip) & (advantage < 0))
+    return np.where(flat, 0.0, surrogate_gradient(ratio, advantage))  # eq-ppo-49
+
+
+def objective_gradient(policy, old, actions, old_log_prob, advantage, config, beta=None):
+    """Derivative of the policy's part of (50) with respect to its outputs, and the ratios (B,). eq-ppo-46, eq-ppo-50
+
+    policy, old: Categorical or Gaussian, new and old, of the B states. old_log_prob, advantage: (B,). beta: coefficient
+    of the penalty, config.beta where None. Returns (B, A), or a pair of them for a Gaussian, and (B,).
+    """
+    log_ratio = policy.log_prob(actions) - old_log_prob
+    ratio = np.exp(np.minimum(log_ratio, MAX_LOG_RATIO))  # eq-ppo-47
+    if config.objective == "clip":
+        weight = clip_gradient(ratio, advantage, config.clip)
+    else:
+        weight = surrogate_gradient(ratio, advantage)
+    parts = [weight[:, None] * part for part in _parts(policy.grad_log_prob(actions))]
+    if config.objective in ("kl_fixed", "kl_adaptive"):
+        weight = (config.beta if beta is None else beta) / ratio.size
+        parts = [part - weight * kl for part, kl in zip(parts, _parts(old.grad_kl(policy)))]  # eq-ppo-46
+    if config.c2:
+        weight = config.c2 / ratio.size
+        parts = [part + weight * entropy for part, entropy in zip(parts, _parts(policy.grad_entropy()))]  # eq-ppo-50
+    return (parts[0] if len(parts) == 1 else tuple(parts)), ratio
+
+
+def _parts(gradient):
+    return gradient if isinstance(gradient, tuple) else (gradient,)
+
+
+def adapt_beta(beta, kl, d_target):
+    """The next coefficient of the KL penalty. om-adaptive-beta, alg-kl-adaptive
+
+    kl: mean KL(old, new) after the update. Source: Schulman et al. (2017), section 4.
+    """
+    if kl < d_target / 1.5:
+        return beta / 2  # om-adaptive-beta
+    return 2 * beta if kl > 1.5 * d_target else beta  # om-adaptive-beta
+
+
+# ---------------------------------------------------------------------- learning
+
+
+def ppo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=None):
+    """Rollouts of T steps in N environments, each followed by K epochs of minibatch ascent on (50). om-ppo-box
+
+    world: id or gymnasium environment with Box observations (n,), and actions that are Discrete or a Box (m,). n_steps:
+    the run ends with the rollout that reaches them. config: PPOConfig; its defaults where None. net, critic: MLP or
+    TorchNet with an optimizer, instead of new MLPs with Adam(config.lr); with config.shared net has one output more,
+    the value. on_episode(return, steps_so_far): called for each episode that ended, after its rollout; True ends the
+    training.
+    Returns a Run: policy an `ActorCritic`, V its values(observations), history a record a rollout: steps so far, kl
+    (mean KL(old, new)), largest_ratio and the part outside 1 +- clip of all minibatches, entropy, value_loss, beta, lr.
+    alg-ppo-full, alg-ppo-clip, alg-kl-penalty, alg-kl-adaptive. Source: Schulman et al. (2017), algorithm 1.
+    """
+    n_steps, rng = check_count("n_steps", n_steps), check_rng(rng)
+    if not isinstance(config := config or PPOConfig(), PPOConfig):
+        raise ValueError(f"config: got {type(config).__name__}, must be a PPOConfig")
+    env = vector_env(world, config.n_envs)
+    agent = make_agent(env, config, net, critic, rng, shared=config.shared)
+    beta, lr, steps, history = config.beta, config.lr, 0, []
+    for rollout, episodes in rollouts(env, agent, config, n_steps, on_episode, rng):
+        if config.anneal:
+            lr = config.lr * (1 - steps / n_steps)
+            agent.set_lr(lr)
+        kl, *record = _improve(agent, learning_data(agent, rollout, config), config, beta, rng)
+        steps = episodes.steps
+        history.append((steps, kl, *record, beta, lr))
+        if config.objective == "kl_adaptive":
+            beta = adapt_beta(beta, kl, config.d_target)
+    return make_run(agent, episodes, history, FIELDS)
+
+
+def _improve(agent, data, config, beta, rng):
+    """K epochs over the data of one rollout. Returns kl, largest_ratio, outside, entropy, value_loss."""
+    x, actions, advantage, target = data
+    old, _ = agent.forward(x)
+    n, penalised = len(x), config.objective in ("kl_fixed", "kl_adaptive")
+    outside, largest, value_loss = 0, 0.0, 0.0
+    shuffled = (x, actions, advantage, target, old.log_prob(actions))
+    for _ in range(config.epochs):
+        order = rng.permutation(n)
+        for i in range(0, n, config.minibatch):
+            chosen = order[i : i + config.minibatch]
+            x_i, a_i, A_i, target_i, old_i = (part[chosen] for part in shuffled)
+            policy, v = agent.forward(x_i)
+            before = old.take(chosen) if penalised else None
+            gradient, ratio = objective_gradient(policy, before, a_i, old_i, A_i, config, beta)
+            error = v - target_i
+            d_values = 2 * config.c1 / error.size * error  # om-value-loss
+            agent.step(tuple(-g for g in gradient) if isinstance(gradient, tuple) else -gradient, d_values)
+            outside += np.count_nonzero(np.abs(ratio - 1) > config.clip)
+            largest, value_loss = max(largest, float(ratio.max())), value_loss + float(error @ error)
+    new, _ = agent.forward(x)
+    seen = config.epochs * n
+    return float(old.kl(new).mean()), largest, outside / seen, float(new.entropy().mean()), value_loss / seen

@@ -1,0 +1,268 @@
+"""Rollouts of a policy network, and what PPO and TRPO learn from them (chapter 8)."""
+
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from rlcore.mdp import check_count, check_gamma, check_probability
+from rlcore.optimizers import check_positive
+from rlcore.results import Run
+
+__all__ = ["Rollout", "Settings", "collect", "gae", "learning_data", "rollouts", "vector_env"]
+
+
+def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
+    """Generalised advantage estimates: sums of (gamma lam)^l delta_{t+l} within the episode. om-gae, alg-gae
+
+    All arrays: (T,), or (T, N) for N environments side by side. values: v_hat(s_t). next_values: v_hat of the state
+    that step t led to, also where the episode was cut there. A terminal state is worth 0 whatever next_values says; a
+    truncated one keeps its value. Both end the sum. Returns the shape of rewards.
+    Source: Schulman et al. (2016), (16).
+    """
+    gamma, lam = check_gamma(gamma), check_probability("lam", lam)
+    rewards, values, next_values = _alike(float, rewards=rewards, values=values, next_values=next_values)
+    terminated, truncated = _alike(bool, rewards.shape, terminated=terminated, truncated=truncated)
+    delta = rewards + gamma * next_values * ~terminated - values  # om-gae
+    decay = gamma * lam * ~(terminated | truncated)
+    advantages, last = np.zeros_like(delta), 0.0
+    if delta.ndim == 1:  # plain numbers: 10 times as fast as arrays without dimensions
+        delta, decay = delta.tolist(), decay.tolist()
+    for t in range(len(delta) - 1, -1, -1):
+        advantages[t] = last = delta[t] + decay[t] * last  # om-gae
+    return advantages
+
+
+def _alike(dtype, shape=None, **arrays):
+    """The arrays, all finite and of one shape."""
+    for name, values in arrays.items():
+        values = np.asarray(values)
+        if values.dtype.kind not in "biuf":
+            raise ValueError(f"{name}: got {values.dtype}, must be numbers")
+        shape = values.shape if shape is None else shape
+        if values.shape != shape or values.ndim not in (1, 2) or not values.size:
+            raise ValueError(
+                f"{name}: got shape {values.shape}, must be that of rewards, (T,) or (T, N), and not empty"
+            )
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name}: contains NaN or infinity, must be finite numbers")
+        arrays[name] = values.astype(dtype)
+    return arrays.values()
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What PPO and TRPO have in common.
+
+    horizon: T steps of each of n_envs environments in a rollout. epochs, minibatch: passes over the rollout. lr: of
+    Adam. hidden: tanh neurons a layer. clip_actions: continuous actions are cut to the action space before the
+    environment sees them, not in log pi.
+    """
+
+    gamma: float = 0.99
+    lam: float = 0.95
+    horizon: int = 2048
+    n_envs: int = 1
+    epochs: int = 10
+    minibatch: int = 64
+    lr: float = 3e-4
+    hidden: tuple = (64, 64)
+    normalise_advantages: bool = True
+    normalise_observations: bool = False
+    clip_actions: bool = True
+
+    def __post_init__(self):
+        check_gamma(self.gamma), check_probability("lam", self.lam), check_positive("lr", self.lr)
+        for name in ("horizon", "n_envs", "epochs", "minibatch"):
+            check_count(name, getattr(self, name))
+        if not isinstance(self.hidden, (tuple, list)) or not self.hidden:
+            raise ValueError(f"hidden: got {self.hidden!r}, must be numbers of neurons, such as (64, 64)")
+        object.__setattr__(self, "hidden", tuple(check_count("hidden", n) for n in self.hidden))
+        self._check_flags("normalise_advantages", "normalise_observations", "clip_actions")
+
+    def _check_flags(self, *names):
+        for name in names:
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name}: got {getattr(self, name)!r}, must be True or False")
+
+    def _check_weights(self, *names):
+        for name in names:
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= value < np.inf:
+                raise ValueError(f"{name}: got {value!r}, must be a number, 0 or more")
+
+
+# ---------------------------------------------------------------------- environments
+
+
+class OneEnv:
+    """One environment with a vector environment's step: after an episode's end the next step is a reset."""
+
+    def __init__(self, env):
+        self.env, self.num_envs, self.over = env, 1, False
+        self.single_observation_space, self.single_action_space = env.observation_space, env.action_space
+        self._action = int if hasattr(env.action_space, "n") else np.asarray
+
+    def reset(self, *, seed):
+        self.over = False
+        s, info = self.env.reset(seed=seed)
+        return s[None], info
+
+    def step(self, actions):
+        if self.over:
+            self.over = False
+            return self.env.reset()[0], 0.0, False, False, {}
+        s, r, terminated, truncated, info = self.env.step(self._action(actions[0]))
+        self.over = terminated or truncated
+        return s, r, terminated, truncated, info
+
+
+def vector_env(world, n_envs=1):
+    """world, an id or an environment, as n_envs environments that take their steps together.
+
+    An id with n_envs above 1 gives gymnasium's own vector environment of that task where it has one. The step after an
+    episode's end resets: it is no transition, and what learns leaves it out.
+    """
+    import gymnasium as gym
+
+    n_envs = check_count("n_envs", n_envs)
+    try:
+        if isinstance(world, str):
+            one = n_envs == 1
+            world = gym.make(world, disable_env_checker=True) if one else gym.make_vec(world, num_envs=n_envs)
+    except gym.error.Error as error:
+        raise ValueError(f"world: got {world!r}, must be an environment or its id ({error})") from None
+    if isinstance(world, gym.Env):
+        if n_envs != 1:
+            raise ValueError(f"n_envs: got {n_envs} with one environment, give its id or a vector environment instead")
+        world = OneEnv(world)
+    elif not isinstance(world, gym.vector.VectorEnv):
+        raise ValueError(f"world: got {type(world).__name__}, must be a gymnasium environment or its id")
+    elif world.metadata.get("autoreset_mode") != gym.vector.AutoresetMode.NEXT_STEP:
+        raise ValueError(f"world: got {world.metadata.get('autoreset_mode')}, must reset on the next step")
+    _check_spaces(world.single_observation_space, world.single_action_space)
+    return world
+
+
+def _check_spaces(observations, actions):
+    if hasattr(observations, "n") or len(getattr(observations, "shape", None) or ()) != 1:
+        raise ValueError(f"world: got observations {observations}, must be a Box of shape (n,)")
+    if not hasattr(actions, "n") and len(getattr(actions, "shape", None) or ()) != 1:
+        raise ValueError(f"world: got actions {actions}, must be Discrete or a Box of shape (n,)")
+    if getattr(actions, "start", 0) != 0 or (hasattr(actions, "n") and np.ndim(actions.n)):
+        raise ValueError(f"world: got actions {actions}, must be one Discrete space, counted from 0, or a Box")
+
+
+# ---------------------------------------------------------------------- acting
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """T steps of N environments.
+
+    observations: (T + 1, N, d), the last for bootstrapping. actions: (T, N) or (T, N, A). rewards, terminated,
+    truncated: (T, N). real: (T, N), False for a step that only resets its environment.
+    """
+
+    observations: np.ndarray
+    actions: np.ndarray
+    rewards: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    real: np.ndarray
+
+
+def collect(env, agent, s, over, T, *, clip_actions, rng):
+    """(Rollout, over): T steps with the agent's policy from observations s (N, d). over: (N,), whose next step resets.
+
+    Only observations and actions are kept: values and log-probabilities come in one batch afterwards. Noise is drawn
+    for all steps at once; the argmax of logits plus Gumbel noise is a draw from their softmax (Gumbel, 1954).
+    """
+    space, outputs = env.single_action_space, agent.acting()
+    discrete, N, dtype = hasattr(space, "n"), env.num_envs, agent.net.theta.dtype
+    shape = (T, N, int(space.n)) if discrete else (T, N, *space.shape)
+    noise = (rng.gumbel(size=shape) if discrete else rng.standard_normal(shape) * np.exp(agent.log_std)).astype(dtype)
+    observations, rewards = np.zeros((T + 1, *s.shape), dtype), np.zeros((T, N))
+    actions = np.zeros((T, N), np.int64) if discrete else np.zeros((T, N, *space.shape), dtype)
+    terminated, truncated = np.zeros((T, N), bool), np.zeros((T, N), bool)
+    observations[0] = s
+    for t in range(T):
+        z = outputs(observations[t]) + noise[t]
+        a = actions[t] = z.argmax(axis=1) if discrete else z
+        if clip_actions and not discrete:
+            a = np.minimum(np.maximum(a, space.low), space.high)
+        observations[t + 1], rewards[t], terminated[t], truncated[t], _ = env.step(a)
+    done = terminated | truncated
+    real = ~np.concatenate((over[None], done[:-1]))
+    return Rollout(observations, actions, rewards, terminated, truncated, real), done[-1]
+
+
+def rollouts(env, agent, config, n_steps, on_episode, rng):
+    """Rollout after rollout, each with the policy of its time, and the `Episodes` so far, until n_steps are reached."""
+    s, over = env.reset(seed=int(rng.spawn(1)[0].integers(2**31)))[0], np.zeros(env.num_envs, bool)
+    episodes, stop = Episodes(env.num_envs, on_episode), False
+    while episodes.steps < n_steps and not stop:
+        rollout, over = collect(env, agent, s, over, config.horizon, clip_actions=config.clip_actions, rng=rng)
+        s, stop = rollout.observations[-1], episodes.add(rollout)
+        if agent.normaliser is not None:
+            agent.normaliser.update(rollout.observations[:-1].reshape(-1, s.shape[-1]))
+        yield rollout, episodes
+
+
+class Episodes:
+    """Returns and lengths of the episodes that ended so far, in order of time; steps counts all transitions."""
+
+    def __init__(self, N, on_episode):
+        self.returns, self.lengths, self.steps, self.on_episode = [], [], 0, on_episode
+        self._G, self._n = np.zeros(N), np.zeros(N, int)
+
+    def add(self, rollout):
+        """Count a rollout in; True where on_episode asks to stop."""
+        rows = zip(rollout.rewards, rollout.real, rollout.terminated | rollout.truncated)
+        for rewards, real, done in rows:
+            self._G += rewards * real
+            self._n += real
+            self.steps += np.count_nonzero(real)
+            for i in np.flatnonzero(done) if done.any() else ():
+                self.returns.append(float(self._G[i]))
+                self.lengths.append(int(self._n[i]))
+                self._G[i] = self._n[i] = 0
+                if self.on_episode is not None and self.on_episode(self.returns[-1], self.steps):
+                    return True
+        return False
+
+
+def learning_data(agent, rollout, config):
+    """(x, actions, advantages, targets of v_hat) of the steps that are transitions. om-gae, om-value-loss
+
+    x: (B, d), normalised observations. The target A_hat + v_hat(s) is the lambda-return.
+    """
+    T, N = rollout.rewards.shape
+    x = agent.see(rollout.observations.reshape((T + 1) * N, -1))
+    v = agent.forward(x)[1].reshape(T + 1, N)
+    arrays = rollout.rewards, v[:-1], v[1:], rollout.terminated, rollout.truncated
+    A = gae(*(a[:, 0] if N == 1 else a for a in arrays), config.gamma, config.lam).reshape(T, N)
+    keep, target = rollout.real.ravel(), (A + v[:-1]).ravel()
+    A = A.ravel()[keep]
+    if config.normalise_advantages:
+        A = (A - A.mean()) / (A.std() + 1e-8)
+    actions = rollout.actions.reshape(T * N, *rollout.actions.shape[2:])
+    return x[: T * N][keep], actions[keep], A.astype(x.dtype), target[keep].astype(x.dtype)
+
+
+def fit_values(agent, x, target, config, rng):
+    """K epochs of minibatch descent on the squared error of v_hat, which is a network of its own. om-value-loss"""
+    for _ in range(config.epochs):
+        order = rng.permutation(len(x))
+        for i in range(0, len(x), config.minibatch):
+            chosen = order[i : i + config.minibatch]
+            error = agent.critic.forward(x[chosen])[:, 0] - target[chosen]
+            agent.critic.step(agent.critic.backward(error[:, None] / error.size))  # om-value-loss
+
+
+def make_run(agent, episodes, history, fields):
+    """A Run whose history holds one record a rollout, with a field for each name."""
+    history = np.array(history, [(name, float) for name in fields]).view(np.recarray)
+    return Run(
+        np.array(episodes.returns), np.array(episodes.lengths, int), V=agent.values, policy=agent, history=history
+    )

@@ -1,0 +1,146 @@
+"""Trust region policy optimisation: the natural gradient, as far as the KL allows (chapter 8)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rlcore.actor_critic import make_agent
+from rlcore.mdp import check_count, check_rng
+from rlcore.optimizers import check_positive
+from rlcore.rollouts import Settings, fit_values, learning_data, make_run, rollouts, vector_env
+
+__all__ = ["TRPOConfig", "conjugate_gradient", "fisher_vector_product", "trpo", "trpo_step"]
+
+FIELDS = ("steps", "kl", "improvement", "shrunk", "entropy", "value_loss")
+
+
+@dataclass(frozen=True)
+class TRPOConfig(Settings):
+    """Settings of `trpo`. delta: largest mean KL(old, new) of an update (45). damping: multiple of the identity that is
+    added to the Fisher matrix. cg_steps: of conjugate gradient. backtracks: how often the step is cut to shrink times
+    its length before the update is given up. epochs, minibatch, lr: of the value network. The others as in `Settings`.
+    Source: Schulman et al. (2015), appendix C.
+    """
+
+    lr: float = 1e-3
+    minibatch: int = 128
+    delta: float = 0.01
+    damping: float = 0.1
+    cg_steps: int = 10
+    backtracks: int = 10
+    shrink: float = 0.8
+
+    def __post_init__(self):
+        super().__post_init__()
+        check_positive("delta", self.delta), self._check_weights("damping")
+        for name in ("cg_steps", "backtracks"):
+            check_count(name, getattr(self, name))
+        if not 0 < check_positive("shrink", self.shrink) < 1:
+            raise ValueError(f"shrink: got {self.shrink!r}, must be above 0 and below 1")
+
+
+def conjugate_gradient(product, b, n_steps, tol=1e-10):
+    """x with H x = b for a symmetric positive definite H that is known only by product(v) = H v. om-trpo-step
+
+    b: (P,). Stops after n_steps or where the squared residual is below tol. Source: Hestenes and Stiefel (1952).
+    """
+    x, r = np.zeros_like(b), b.copy()
+    p, rr = r.copy(), r @ r
+    for _ in range(check_count("n_steps", n_steps)):
+        if rr < tol:
+            break
+        Hp = product(p)
+        alpha = rr / (p @ Hp)
+        x += alpha * p
+        r -= alpha * Hp
+        rr, before = r @ r, rr
+        p = r + rr / before * p
+    return x
+
+
+def fisher_vector_product(agent, policy, v, damping=0.0):
+    """H v, where H is the Fisher matrix of the policy averaged over the states of the agent's last forward. eq-ppo-45
+
+    v: (P,), or (P + A,) where log_std belongs to the parameters. H = mean of J^T F J with the network's Jacobian J and
+    the Fisher matrix F of the distribution with respect to its outputs: the Hessian of mean KL(old, new) at old.
+    """
+    P, B = agent.net.theta.size, len(_outputs(policy))
+    change = agent.net.jvp(v[:P])
+    if agent.log_std is None:
+        return agent.net.backward(policy.fisher(change) / B) + damping * v
+    d_mean, d_log_std = policy.fisher(change, v[P:])
+    return np.append(agent.net.backward(d_mean / B), d_log_std.mean(axis=0)) + damping * v
+
+
+def trpo_step(agent, x, actions, advantage, config):
+    """One update of the policy: the largest step along the natural gradient that (45) and (44) allow. alg-trpo
+
+    x: (B, d). actions, advantage: of the B samples. Parameters change in place, or stay where no step is good enough.
+    Returns (kl, improvement of the surrogate, times that the step was cut).
+    """
+    old = agent.forward(x)[0]
+    old_log_prob, theta = old.log_prob(actions), _get(agent)
+    before = float(advantage.mean())  # eq-ppo-44 at ratio 1
+    gradient = _surrogate_gradient(agent, old, actions, advantage)
+    product = lambda v: fisher_vector_product(agent, old, v, config.damping)  # noqa: E731
+    direction = conjugate_gradient(product, gradient, config.cg_steps)
+    curvature = float(direction @ product(direction))
+    if not curvature > 0:
+        return 0.0, 0.0, 0
+    step = np.sqrt(2 * config.delta / curvature) * direction  # om-trpo-step
+    for k in range(config.backtracks):
+        _set(agent, theta + step * config.shrink**k)
+        new = agent.forward(x)[0]
+        surrogate = float((np.exp(new.log_prob(actions) - old_log_prob) * advantage).mean())  # eq-ppo-44
+        kl = float(old.kl(new).mean())
+        if kl <= config.delta and surrogate > before:  # eq-ppo-45
+            return kl, surrogate - before, k
+    _set(agent, theta)
+    return 0.0, 0.0, config.backtracks
+
+
+def _surrogate_gradient(agent, policy, actions, advantage):
+    """Gradient of the surrogate at ratio 1, (P,) or (P + A,). eq-ppo-41"""
+    score, weight = policy.grad_log_prob(actions), advantage[:, None] / advantage.size
+    if agent.log_std is None:
+        return agent.net.backward(weight * score)
+    return np.append(agent.net.backward(weight * score[0]), (weight * score[1]).sum(axis=0))
+
+
+def _outputs(policy):
+    return policy.logits if hasattr(policy, "logits") else policy.mean
+
+
+def _get(agent):
+    return agent.net.theta.copy() if agent.log_std is None else np.append(agent.net.theta, agent.log_std)
+
+
+def _set(agent, theta):
+    P = agent.net.theta.size
+    agent.net.theta[:] = theta[:P]
+    if agent.log_std is not None:
+        agent.log_std[:] = theta[P:]
+
+
+def trpo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=None):
+    """Rollouts, each followed by one natural gradient step within the trust region. alg-trpo, eq-ppo-44, eq-ppo-45
+
+    Arguments as for `ppo`, with a TRPOConfig. Details that change results: those of `rlcore.ppo` except the optimizer
+    of the policy, which has none; v_hat is fitted after the step.
+    Returns a Run as `ppo` does; history: steps so far, kl (mean KL(old, new)), improvement of the surrogate, shrunk
+    (how often the step was cut; backtracks: given up), entropy, value_loss before the fit.
+    Source: Schulman et al. (2015), section 6 and appendix C.
+    """
+    n_steps, rng = check_count("n_steps", n_steps), check_rng(rng)
+    if not isinstance(config := config or TRPOConfig(), TRPOConfig):
+        raise ValueError(f"config: got {type(config).__name__}, must be a TRPOConfig")
+    env, history = vector_env(world, config.n_envs), []
+    agent = make_agent(env, config, net, critic, rng)
+    for rollout, episodes in rollouts(env, agent, config, n_steps, on_episode, rng):
+        x, actions, advantage, target = learning_data(agent, rollout, config)
+        value_loss = float(((agent.forward(x)[1] - target) ** 2).mean())
+        record = trpo_step(agent, x, actions, advantage, config)
+        fit_values(agent, x, target, config, rng)
+        entropy = float(agent.forward(x)[0].entropy().mean())
+        history.append((episodes.steps, *record, entropy, value_loss))
+    return make_run(agent, episodes, history, FIELDS)
