@@ -1,5 +1,6 @@
-"""Evaluates the LaTeX of chapters 1 to 5: sums, maxima, expectations, fractions, p(s', r | s, a), pi(a | s), v, q, and
-the updates along an episode: V(S_t), Q(S_t, A_t), R_{t+1}, G_t^{t+n}(c), L_t, delta_t, E_{t-1}(s, a), I_{s S_t}.
+r"""Evaluates the LaTeX of chapters 1 to 7: sums, maxima, expectations, fractions, p(s', r | s, a), pi(a | s), v, q; the
+updates along an episode: V(S_t), Q(S_t, A_t), R_{t+1}, G_t^{t+n}(c), L_t, delta_t, E_{t-1}(s, a), I_{s S_t}; vectors
+and matrices: w_{jk}^l, w^l a^{l-1}, \odot; slopes, by central differences: \partial J / \partial b_j^l, \nabla \ln \pi.
 
 `sides(latex)` splits an equation at its signs of equality and gives one function of a `Scope` for each side. What it
 cannot read is a SyntaxError: nothing on the page is passed over in silence.
@@ -7,25 +8,38 @@ cannot read is a SyntaxError: nothing on the page is passed over in silence.
 
 import itertools
 import json
+import math
 import re
-from functools import cache
+from functools import cache, reduce
 from pathlib import Path
 
+import numpy as np
+
 BOOK = Path(__file__).parents[1] / "book"
-IGNORED = r"\\[,;!:> ]|\\(?:quad|qquad|[Bb]igg?[lr]?|left|right|displaystyle|notag|nonumber)(?![a-zA-Z])|&|~"
-TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+|\\[{}]|\S")
+IGNORED = (
+    r"\\[,;!:> ]|\\(?:quad|qquad|[Bb]igg?[lr]?|left|right|displaystyle|notag|nonumber|boldsymbol)(?![a-zA-Z])"
+    r"|\\(?:wide)?hat(?![a-zA-Z])|&|~"
+)
+TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
+ENDS = (None, "+", "-", "=", "<", ")", "]", "}", "|", ",", r"\}", r"\rVert")
+NAMES = r"\\(?:pi|theta|tau|sigma|mu|delta|output|activation)'*|[a-zA-Z]'*"
+DOTS = [[r"\dots"], [r"\cdots"], [r"\ldots"], [r"\vdots"], [r"\ddots"]]
+LAYERED = ("a", "b", "w", "z", "delta")  # an exponent of these is the number of a layer
+FUNCTIONS = {r"\ln": np.log, r"\log": np.log, r"\cos": np.cos}
 
 
 class Scope:
     """Names and tables of one process.
 
     sets: {letter: values} over which sums and maxima run. tables: {(name, subscript, number of arguments): array or
-    function}. rewards: R_1 ... R_T of one episode, for the returns. greek: values of alpha and lambda.
+    function}; the subscript is "indexed" for a symbol without arguments, a_j^l: its arguments are l and j. rewards:
+    R_1 ... R_T of one episode, for the returns. greek: values of alpha and lambda. trajectories: (probability, names)
+    of every episode, for expectations without a condition.
     """
 
-    def __init__(self, sets, tables, rewards=(), gamma=0.9, greek=None):
+    def __init__(self, sets, tables, rewards=(), gamma=0.9, greek=None, trajectories=()):
         self.sets, self.tables, self.rewards, self.gamma = sets, tables, rewards, gamma
-        self.greek = greek or {}
+        self.greek, self.trajectories = greek or {}, trajectories
 
     def call(self, name, subscript, args):
         table = self.tables[name, subscript, len(args)]
@@ -34,21 +48,34 @@ class Scope:
 
 def sides(latex):
     """One function (scope, names) -> number for each side of the equation."""
-    text = re.sub(r"\\(?:begin|end)\{\w+\*?\}|\\\\(?:\[[^]]*\])?", " ", latex)
+    text = re.sub(r"\\begin\{bmatrix\}(.*?)\\end\{bmatrix\}", _bmatrix, latex, flags=re.S)
+    text = re.sub(r"\\(?:begin|end)\{\w+\*?\}|\\\\(?:\[[^]]*\])?", " ", text)
     text = re.split(r",?\s*\\(?:q?quad)\b", text)[0] if r"\quad" in text or r"\qquad" in text else text
-    text = re.sub(IGNORED, " ", text).strip().rstrip(".,")
+    text = re.sub(IGNORED, " ", text).strip().rstrip(".,;")
     text = re.sub(
-        r"\\(?:mathbb|mathcal|operatorname|mathrm)\*?\s*(?:\{\s*([A-Za-z]+)\s*\}|([A-Za-z]))", r"\\\1\2 ", text
+        r"\\(?:mathbb|mathcal|operatorname|mathrm|text)\*?\s*(?:\{\s*([A-Za-z]+)\s*\}|([A-Za-z]))", r"\\\1\2 ", text
     )
-    text = re.sub(r"\\(?:doteq|leftarrow)\b", "=", text).replace(r"\mid", "|").replace(r"\ast", "*")
+    text = re.sub(r"\\(?:doteq|leftarrow|propto)\b", "=", text).replace(r"\mid", "|").replace(r"\ast", "*")
     text = re.sub(r"\^\{?\\prime\}?", "'", text)
+    text = re.sub(r"\\partial (\w) / \\partial (\S+)", r"\\frac{\\partial \1}{\\partial \2}", text)
     text = re.sub(r"\\[td]?frac\s*(\d)\s*(\d)", r"\\frac{\1}{\2}", text)
     reader = Reader(re.findall(TOKEN, re.sub(r"([a-zA-Z])\s+'", r"\1'", text)))
     found = [reader.expression()]
-    while reader.take("="):
+    while reader.take("=", "<"):
         found.append(reader.expression())
     reader.end()
     return found
+
+
+def _bmatrix(found):
+    return r"\bmatrix{" + found[1].replace(r"\\", ";").replace("&", "@") + "}"
+
+
+def read(tokens):
+    reader = Reader(tokens)
+    side = reader.expression()
+    reader.end()
+    return side
 
 
 class Reader:
@@ -94,15 +121,14 @@ class Reader:
         return lambda scope, names: sum(sign * part(scope, names) for sign, part in parts)
 
     def product(self):
-        factors = [self.factor()]
-        while self.peek() not in (None, "+", "-", "=", ")", "]", "}", "|", ",", r"\}"):
-            factors.append(self.factor())
+        groups = [[self.factor()]]
+        while self.peek() not in ENDS:
+            if self.take(r"\odot"):
+                groups.append([])
+            groups[-1].append(self.factor())
 
         def value(scope, names):
-            result = 1.0
-            for factor in factors:
-                result = result * factor(scope, names)
-            return result
+            return reduce(_entrywise, [reduce(_times, [x(scope, names) for x in group]) for group in groups])
 
         return value
 
@@ -110,6 +136,8 @@ class Reader:
         base = self.atom()
         if not self.take("^"):
             return base
+        if self.take("T"):
+            return lambda scope, names: _transposed(base(scope, names))
         power = self.group()
         return lambda scope, names: base(scope, names) ** power(scope, names)
 
@@ -123,17 +151,33 @@ class Reader:
 
     def atom(self):
         token = self.need(self.peek() or "an expression")
-        if token.isdigit():
+        if token[0].isdigit():
             return lambda scope, names: float(token)
         if token == r"\gamma":
             return lambda scope, names: scope.gamma
         if token in ("(", "[", "{"):
-            inner = self.expression()
-            self.need({"(": ")", "[": "]", "{": "}"}[token])
-            return inner
+            return self.row({"(": ")", "[": "]", "{": "}"}[token])
+        if token == "|" and "".join(self.tokens[self.i : self.i + 2]) == "B|":
+            self.i += 2
+            return lambda scope, names: len(scope.sets["B"])
+        if token in ("|", r"\lVert"):
+            inner, size = self.expression(), np.linalg.norm if token == r"\lVert" else abs
+            self.need("|" if token == "|" else r"\rVert")
+            return lambda scope, names: size(inner(scope, names))
+        if token == r"\frac" and self.tokens[self.i : self.i + 2] == ["{", r"\partial"]:
+            return self.partial()
         if token == r"\frac":
             over, under = self.group(), self.group()
             return lambda scope, names: over(scope, names) / under(scope, names)
+        if token == r"\nabla":
+            return self.nabla()
+        if token == r"\bmatrix":
+            return self.matrix()
+        if token in FUNCTIONS:
+            power, x = self.take("^") and self.group(), self.factor()
+            return lambda scope, names: FUNCTIONS[token](x(scope, names)) ** (power(scope, names) if power else 1)
+        if token == "e" and self.peek() == "^":
+            return lambda scope, names: math.e
         if token == r"\infty":
             return lambda scope, names: len(scope.rewards)
         if token == r"\sum":
@@ -141,23 +185,81 @@ class Reader:
         if token == r"\arg":
             self.need(r"\max")
             return self.extreme(lambda pairs: max(pairs)[1])
-        if token == r"\max":
+        if token == r"\max" and self.take(r"\{"):
+            among = self.row(r"\}")
+            return lambda scope, names: np.max(among(scope, names))
+        if token in (r"\max", r"\sup"):
             return self.extreme(lambda pairs: max(pairs)[0])
         if token in (r"\E", r"\Pr"):
             return self.expectation(token)
-        if token in (r"\alpha", r"\lambda"):
-            return lambda scope, names: scope.greek[token]
+        if token in (r"\alpha", r"\lambda", r"\epsilon", r"\varepsilon"):
+            letter = token + "_" + self.need("w") if self.take("_") else token
+            return lambda scope, names: scope.greek[letter]
         if token == "I":
             return self.indicator()
-        if token in ("R", "G", "S", "A", "L", r"\delta") and self.peek() == "_" or token == "T" and self.peek() != "(":
+        if token in ("R", "G", "S", "A", "L") and self.peek() == "_" or token == "T" and self.peek() != "(":
             return self.variable(token)
-        if re.fullmatch(r"\\pi'*|[a-zA-Z]'*", token):
+        if re.fullmatch(NAMES, token):
             return self.name(token.strip("\\"))
         raise SyntaxError(f"cannot read {token} in {' '.join(self.tokens)}")
 
-    def name(self, token):
-        """A variable, or a function with its arguments: v_\\pi(s), p(s', r | s, a), V_{k+1}(s)."""
-        subscript = ""
+    def row(self, close):
+        """What stands between brackets: one expression, or several, which make a vector."""
+        items, spans = [], []
+        while not items or self.take(","):
+            start = self.i
+            items.append(None if self.take(r"\dots") else self.expression())
+            spans.append(self.tokens[start : self.i])
+        self.need(close)
+        if len(items) == 1 and items[0]:
+            return items[0]
+        return lambda scope, names: np.array([read(x)(scope, names) for x in _filled(spans, names)])
+
+    def matrix(self):
+        """\\begin{bmatrix} with its corners, or the ends of a column, and dots between them."""
+        self.need("{")
+        rows, depth = [[[]]], 1
+        while depth := depth + {"{": 1, "}": -1}.get(token := self.need(self.peek() or "}"), 0):
+            if token in (";", "@"):
+                rows.append([[]]) if token == ";" else rows[-1].append([])
+            else:
+                rows[-1][-1] += list(token) if token.isdigit() else [token]
+
+        if len(rows) != 3 or any(cell not in DOTS for cell in rows[1]):
+            raise SyntaxError("a matrix has a first row, dots and a last row here")
+
+        def value(scope, names):
+            ends = [_filled(rows[i], names) for i in (0, 2)]
+            columns = [_filled([first, DOTS[0], last], names) for first, last in zip(*ends, strict=True)]
+            table = np.array([[read(cell)(scope, names) for cell in column] for column in columns]).T
+            return table[:, 0] if len(columns) == 1 else table
+
+        return value
+
+    def partial(self):
+        """\\frac{\\partial J}{\\partial z_j^l}"""
+        self.need("{"), self.need(r"\partial")
+        what = self.need(self.peek() or "a cost")
+        self.need("}"), self.need("{"), self.need(r"\partial")
+        token = self.need("w", "b", "z", "a")
+        slope = self.symbol(token, *self.indices(token), table="d" + what)
+        self.need("}")
+        return slope
+
+    def nabla(self):
+        """The gradient of what follows with respect to theta; to w where that is what it depends on."""
+        if self.take("_") and self.take("a"):
+            what = self.need("J")
+            return lambda scope, names: scope.call("nabla_a", what, [])
+        self.take(r"\theta")
+        start = self.i
+        body = self.factor()
+        variable = "w" if "w" in self.tokens[start : self.i] else "theta"
+        return lambda scope, names: gradient(lambda: body(scope, names), scope.tables[variable, "", 0])
+
+    def indices(self, token):
+        """What stands below a letter, as tokens, and, where that counts layers, what stands above."""
+        below, above = [], []
         if self.take("_"):
             start = self.i
             if self.take("{"):
@@ -165,11 +267,32 @@ class Reader:
                     self.need(self.peek() or "}")
             else:
                 self.i += 1
-            subscript = "".join(self.tokens[start : self.i]).strip("{}\\")
+            below = self.tokens[start : self.i]
+            below = below[1:-1] if below[0] == "{" else below
+        if token in LAYERED and self.peek() == "^" and self.tokens[self.i + 1 : self.i + 2] != ["T"]:
+            self.need("^")
+            above = [self.group()]
+        return below, above
+
+    def symbol(self, token, below, above, table="indexed"):
+        """w_{jk}^l, at l, j and k."""
+        split = [below] if {"+", "-"} & {*below} else [[token] for token in below]
+        at = above + [read(tokens) for tokens in split]
+
+        def value(scope, names):
+            index = [i(scope, names) for i in at]
+            return names[token, *index] if (token, *index) in names else scope.call(token, table, index)
+
+        return value
+
+    def name(self, token):
+        """A variable, a_j^l, or a function with its arguments: v_\\pi(s), p(s', r | s, a), V_{k+1}(s)."""
+        below, above = self.indices(token)
+        if above or below and self.peek() != "(":
+            return self.symbol(token, below, above)
         if not self.take("("):
-            if subscript:
-                raise SyntaxError(f"{token}_{subscript} without arguments")
-            return lambda scope, names: names[token]
+            return lambda scope, names: names[token] if token in names else scope.call(token, "", [])
+        subscript = "".join(below).strip("\\")
         args, bars = [self.expression()], ""
         while sign := self.take(",", "|"):
             bars += sign
@@ -181,8 +304,10 @@ class Reader:
     def variable(self, letter):
         """R_{t+1}, G_t, S_{t+1}, A_t; T."""
         if letter == "T":
-            return lambda scope, names: len(scope.rewards)
+            return lambda scope, names: names.get("T", len(scope.rewards))
         index = self.index()
+        if letter == "R" and self.tokens[self.i : self.i + 3] == ["(", r"\tau", ")"]:
+            self.i, letter = self.i + 3, "R(tau)"
         if letter == "G" and self.take("^"):
             return self.to_horizon(index)
 
@@ -238,7 +363,9 @@ class Reader:
             elif self.take(r"\in"):
                 depth = 0
                 while depth or self.peek() not in (",", "}"):
-                    depth += {"(": 1, ")": -1, "{": 1, "}": -1}.get(self.need(self.peek() or "}"), 0)
+                    depth += {**dict.fromkeys("([{", 1), **dict.fromkeys(")]}", -1)}.get(
+                        self.need(self.peek() or "}"), 0
+                    )
             else:
                 raise SyntaxError(f"cannot read {self.peek()} under a sum")
         if any(not re.fullmatch(r"[a-z]'*", name) for name in names):
@@ -267,12 +394,23 @@ class Reader:
         )
 
     def expectation(self, kind):
-        """E[X | S_t = s, A_t = a], E_pi[X | S_t = s], Pr{S_t = s', R_t = r | ...}: one step of the process."""
+        """E[X | S_t = s, A_t = a], E_pi[X | S_t = s], Pr{S_t = s', R_t = r | ...}: one step of the process.
+
+        E_{tau ~ pi_theta}[X]: over whole episodes. E_pi[X] without a condition, too, summed over the steps t.
+        """
         policy = self.take("_") and self.need(r"\pi", "{")
-        if policy == "{":
+        if policy == "{" and self.take(r"\tau"):
+            policy = [self.need(token) for token in (r"\sim", r"\pi", "_", r"\theta", "}")]
+        elif policy == "{":
             policy = self.need(r"\pi") and self.need("}")
         close = {"[": "]", r"\{": r"\}", "(": ")", "{": "}"}[self.need("[", r"\{", "(", "{")]
         what = self.events() if kind == r"\Pr" else self.expression()
+        if kind == r"\E" and policy and self.take(close):
+            steps = (lambda T: range(T + 1)) if policy == r"\pi" else lambda T: [None]
+            return lambda scope, names: sum(
+                p * what(scope, {**names, **seen, **({} if t is None else {"t": t})})
+                for p, seen in scope.trajectories for t in steps(seen["T"])
+            )  # fmt: skip
         self.need("|")
         given = self.events()
         self.need(close)
@@ -315,8 +453,63 @@ class Reader:
                 return found
 
 
+def _times(x, y):
+    """Numbers and arrays; a matrix and what stands right of it. Two vectors need a sign between them."""
+    if np.ndim(x) == 0 or np.ndim(y) == 0:
+        return x * y
+    if np.ndim(x) != 2:
+        raise ValueError("a vector with a vector or a matrix right of it")
+    return (x @ y)[0] if len(x) == 1 else x @ y
+
+
+def _entrywise(x, y):
+    if np.ndim(x) == 0 or np.shape(x) != np.shape(y):
+        raise ValueError(f"entrywise product of shapes {np.shape(x)} and {np.shape(y)}")
+    return x * y
+
+
+def _transposed(x):
+    return x[None, :] if np.ndim(x) == 1 else np.transpose(x)
+
+
+def gradient(f, x, h=1e-6):
+    """Central differences of f() in every entry of the array x, which f reads; of x's shape."""
+    slope = np.zeros(x.shape)
+    for i in np.ndindex(x.shape):
+        old = x[i]
+        x[i] = old + h
+        above = f()
+        x[i] = old - h
+        slope[i] = (above - f()) / (2 * h)
+        x[i] = old
+    return slope
+
+
+def _filled(terms, names):
+    """Terms, as tokens, with w_2 ... in place of the dots between w_1 and w_n: a number there counts up to a name."""
+    filled = []
+    for i, term in enumerate(terms):
+        if term not in DOTS:
+            filled.append(term)
+            continue
+        before, after = terms[i - 1], terms[i + 1]
+        at = [k for k, (x, y) in enumerate(zip(before, after, strict=True)) if x != y]
+        for n in range(int(before[at[0]]) + 1, int(names[after[at[0]]])):
+            filled.append([str(n) if k in at else token for k, token in enumerate(before)])
+    return filled
+
+
+def _counted(before, after):
+    """Whether dots between the two stand for terms that count up to a name: w_3 x_3 + ... + w_n x_n."""
+    changes = {(x, y) for x, y in zip(before, after) if x != y}
+    return len(before) == len(after) and len(changes) == 1 and changes.pop()[0].isdigit()
+
+
 def _continued(before, after):
     """The terms that dots stand for: the one before with every number raised by 1, 2, ..., up to the one after."""
+    if after and _counted(before, after[0]):
+        terms = [before, DOTS[0], after[0]]
+        return lambda scope, names: sum(read(x)(scope, names) for x in _filled(terms, names)[1:-1])
     if not before or not any(token.isdigit() for token in before):
         raise SyntaxError("dots without a term to continue")
 
@@ -366,3 +559,10 @@ def inline(page, anchor, start):
     """The first $ ... $ after an anchor that begins with `start`."""
     text = markdown(page).split(f'<span id="{anchor}"></span>')[1]
     return next(m for m in re.findall(r"(?<!\$)\$([^$]+)\$", text) if m.startswith(start))
+
+
+def code(page, start):
+    """What stands right of `start` in the code cells."""
+    cells = json.loads((BOOK / f"{page}.ipynb").read_text(encoding="utf-8"))["cells"]
+    text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    return next(line.removeprefix(start) for line in text.splitlines() if line.startswith(start))
