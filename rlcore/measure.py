@@ -2,11 +2,12 @@
 
 import time
 from collections import namedtuple
+from copy import deepcopy
 
 import numpy as np
 
 from rlcore.dp import value_iteration
-from rlcore.mdp import FiniteMDP, as_floats, check_count, check_probability, discounted_returns
+from rlcore.mdp import FiniteMDP, as_floats, check_count, check_probability, check_rng, discounted_returns
 from rlcore.returns import visited_values
 from rlcore.tabular import check_world
 
@@ -19,10 +20,13 @@ def backups_per_second(mdp, gamma=0.9):
     return sweeps * mdp.n_states / (time.perf_counter() - start)
 
 
-def repeat(method, *args, n_runs, seed=0, **settings):
-    """n_runs independent runs of method(*args, **settings, rng=...), as a list. fig-17, fig-22"""
-    rngs = np.random.default_rng(seed).spawn(check_count("n_runs", n_runs))
-    return [method(*args, **settings, rng=rng) for rng in rngs]
+def repeat(method, *args, n_runs, rng, **settings):
+    """n_runs independent runs of method(*args, **settings, rng=...), as a list. fig-17, fig-22
+
+    rng: each run gets a child of it.
+    """
+    children = check_rng(rng).spawn(check_count("n_runs", n_runs))
+    return [method(*args, **settings, rng=child) for child in children]
 
 
 def walk_error(V, truth):
@@ -50,15 +54,15 @@ def squared_error(V, episodes, gamma):
 Update = namedtuple("Update", "s a s_next old new")
 
 
-def first_updates(method, world, gamma, n_steps, *, alpha, epsilon, seed=0):
+def first_updates(method, world, gamma, n_steps, *, alpha, epsilon, rng):
     """The first n_steps updates of a control method as a list of Update. fig-20, fig-21
 
     The same run is cut after 1, 2, ... steps; what differs is the update. Every update must change its entry.
     """
-    settings = dict(alpha=alpha, epsilon=epsilon, record=0)
+    settings, rng = dict(alpha=alpha, epsilon=epsilon, record=0), check_rng(rng)
     before, updates = np.where(check_world(world).legal, 0.0, -np.inf), []
     for n in range(1, check_count("n_steps", n_steps) + 1):
-        Q = method(world, gamma, 1, max_steps=n, rng=np.random.default_rng(seed), **settings).Q
+        Q = method(world, gamma, 1, max_steps=n, rng=rng if n == n_steps else deepcopy(rng), **settings).Q
         if np.array_equal(before, Q):
             raise ValueError(f"n_steps: got {n_steps}, but update {n} changes no entry; must be fewer")
         s, a = np.argwhere(before != Q)[0]

@@ -15,10 +15,10 @@ from rlcore.td import batch_mc, q_learning, sarsa, td0
 def test_runs_differ_and_come_back():
     walk = random_walk(5)
     args = (td0, walk, uniform_policy(walk), 1.0, 20)
-    runs, again = (repeat(*args, alpha=0.1, n_runs=3) for _ in range(2))
+    runs, again = (repeat(*args, alpha=0.1, n_runs=3, rng=np.random.default_rng(0)) for _ in range(2))
     assert [np.array_equal(a.V, b.V) for a, b in zip(runs, again)] == [True] * 3
     assert len({run.V.tobytes() for run in runs}) == 3
-    assert not np.array_equal(runs[0].V, repeat(*args, alpha=0.1, n_runs=1, seed=1)[0].V)
+    assert not np.array_equal(runs[0].V, repeat(*args, alpha=0.1, n_runs=1, rng=np.random.default_rng(1))[0].V)
 
 
 def test_error_of_a_walk_leaves_the_ends_out():
@@ -44,7 +44,7 @@ def test_the_mean_return_has_the_least_squared_error():
 
 @pytest.mark.parametrize("method", [sarsa, q_learning])
 def test_first_updates_follow_each_other(method):
-    rows = first_updates(method, cliff_walking(), 1.0, 12, alpha=0.5, epsilon=0.1)
+    rows = first_updates(method, cliff_walking(), 1.0, 12, alpha=0.5, epsilon=0.1, rng=np.random.default_rng(0))
     cliff, Q = cliff_walking(), np.zeros((48, 4))
     for row, after in zip(rows, rows[1:]):
         s_next, r = cliff.next_state[row.s, row.a, 0], cliff.reward[row.s, row.a, 0]
@@ -90,7 +90,7 @@ def test_backups_in_a_second_are_counted(monkeypatch):
 
 
 def test_what_cannot_be_measured_is_refused():
-    settings = dict(alpha=0.5, epsilon=0.0)
+    settings = dict(alpha=0.5, epsilon=0.0, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="^world: got str, must be a FiniteMDP"):
         first_updates(sarsa, "cliff", 1.0, 3, **settings)
     with pytest.raises(ValueError, match="^n_steps: got 2, but update 1 changes no entry"):

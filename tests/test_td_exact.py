@@ -438,14 +438,14 @@ def test_backups_of_value_iteration_in_two_seconds(monkeypatch):
 
 def test_repeated_runs_have_generators_of_their_own():
     mdp = FiniteMDP.from_outcomes({(0, 0): [(0.5, 0, 1.0), (0.5, 1, 2.0)]}, start=0, n_states=2)
-    for seed, found in (
-        (0, repeat(td0, mdp, np.ones((2, 1)), 0.5, 9, alpha=0.5, n_runs=3)),
-        (4, repeat(td0, mdp, np.ones((2, 1)), 0.5, 9, alpha=0.5, n_runs=3, seed=4)),
-    ):
+    for seed in (0, 4):
+        found = repeat(td0, mdp, np.ones((2, 1)), 0.5, 9, alpha=0.5, n_runs=3, rng=rng(seed))
         runs = [td0(mdp, np.ones((2, 1)), 0.5, 9, alpha=0.5, rng=g) for g in rng(seed).spawn(3)]
         assert [run.returns.tolist() for run in found] == [run.returns.tolist() for run in runs]
     with pytest.raises(ValueError, match="^n_runs"):
-        repeat(td0, mdp, n_runs=0)
+        repeat(td0, mdp, n_runs=0, rng=rng())
+    with pytest.raises(ValueError, match="^rng: got 0, must be"):
+        repeat(td0, mdp, n_runs=1, rng=0)
 
 
 @pytest.mark.parametrize("V, truth", [(3.0, [1.0]), ([1.0, 2.0, 3.0], 2.0), ([1.0, 2.0, 3.0, 4.0], [1.0])])
@@ -466,14 +466,21 @@ def test_squared_error_by_hand():
 def test_first_updates_by_hand():
     """States 0, 1, 2 in a row, one action; rewards 2 and 4."""
     mdp = FiniteMDP.from_outcomes({(0, 0): [(1.0, 1, 2.0)], (1, 1): [(1.0, 2, 4.0)]}, start=0, n_states=3)
-    rows = first_updates(q_learning, mdp, 0.5, 2, alpha=0.5, epsilon=0.0)
+    rows = first_updates(q_learning, mdp, 0.5, 2, alpha=0.5, epsilon=0.0, rng=rng())
     assert rows == [(0, 0, 1, 0.0, 1.0), (1, 1, -1, 0.0, 2.0)] and rows[0]._fields == ("s", "a", "s_next", "old", "new")
     two = FiniteMDP.from_outcomes({(0, a): [(1.0, 0, 1.0 + a)] for a in range(9)})
     for seed in range(3):
-        actions = [row.a for row in first_updates(sarsa, two, 0.5, 9, alpha=0.5, epsilon=1.0, seed=seed)]
+        actions = [row.a for row in first_updates(sarsa, two, 0.5, 9, alpha=0.5, epsilon=1.0, rng=rng(seed))]
         assert len(set(actions)) > 3 and len(actions) == 9
-    same = [first_updates(sarsa, two, 0.5, 9, alpha=0.5, epsilon=1.0, **seed) for seed in ({}, dict(seed=0))]
-    assert same[0] == same[1] != first_updates(sarsa, two, 0.5, 9, alpha=0.5, epsilon=1.0, seed=1)
+    same, other = [rng(), rng()], rng(1)
+    rows, again, different = (first_updates(sarsa, two, 0.5, 9, alpha=0.5, epsilon=1.0, rng=g) for g in (*same, other))
+    assert rows == again != different
+    assert first_updates(sarsa, two, 0.5, 9, alpha=0.5, epsilon=1.0, rng=same[0]) != rows, "rng has been drawn from"
+    run, whole = rng(), same[1]
+    sarsa(two, 0.5, 1, alpha=0.5, epsilon=1.0, max_steps=9, rng=run)
+    assert run.bit_generator.state == whole.bit_generator.state, "as far as one run of n_steps draws"
+    with pytest.raises(ValueError, match="^rng: got None, must be"):
+        first_updates(sarsa, two, 0.5, 1, alpha=0.5, epsilon=0.5, rng=None)
 
 
 def test_random_actions_by_hand():

@@ -1120,7 +1120,8 @@ def _errors(alpha=0.05):
     mdp, truth = random_walk(19), np.arange(1, 20) / 10 - 1
     errors = []
     for lam in (0.0, 0.9, 1.0):
-        runs = repeat(td_lambda, mdp, uniform_policy(mdp), 1.0, lam, 10, alpha=alpha, n_runs=10)
+        settings = dict(alpha=alpha, n_runs=10, rng=np.random.default_rng(0))
+        runs = repeat(td_lambda, mdp, uniform_policy(mdp), 1.0, lam, 10, **settings)
         errors.append(float(np.mean([walk_error(run.V, truth) for run in runs])))
     return errors
 
@@ -1128,7 +1129,8 @@ def _errors(alpha=0.05):
 MEMORY = """
             mdp, truth, errors = random_walk(19), np.arange(1, 20) / 10 - 1, []
             for lam in (0.0, 0.9, 1.0):
-                runs = repeat(td_lambda, mdp, uniform_policy(mdp), 1.0, lam, 10, alpha=0.05, n_runs=10)
+                settings = dict(alpha=0.05, n_runs=10, rng=np.random.default_rng(0))
+                runs = repeat(td_lambda, mdp, uniform_policy(mdp), 1.0, lam, 10, **settings)
                 errors.append(float(np.mean([walk_error(run.V, truth) for run in runs])))
             verdict_memory = ("confirmed" if errors[0] > errors[1] > errors[2] else "refuted", *errors)
 """
@@ -1140,7 +1142,7 @@ Exercise(
     statement=r"""
         The document praises traces without saying how long they should be. Put this claim to the test: *the larger $\lambda$, the smaller the error*. Run `td_lambda` on
         `random_walk(19)` with `uniform_policy`, $\gamma = 1$, 10 episodes, `alpha=0.05`, for $\lambda = 0$, $0.9$ and $1$; use `repeat` with
-        `n_runs=10`. The true values of states 1 to 19 are `np.arange(1, 20) / 10 - 1`, and `walk_error(run.V, truth)` is the error of a run. Bind
+        `n_runs=10` and, for each $\lambda$, `rng=np.random.default_rng(0)`. The true values of states 1 to 19 are `np.arange(1, 20) / 10 - 1`, and `walk_error(run.V, truth)` is the error of a run. Bind
         `verdict_memory` to `(word, e0, e09, e1)`: `"confirmed"` if the mean errors fall in this order, else `"refuted"`, and the three mean errors.
     """,
     setup="""
@@ -1153,7 +1155,7 @@ Exercise(
     stub="verdict_memory = ...",
     cases=lambda rng: [Case({}, ("refuted", *_errors()), tol=1e-6)],
     hints=(
-        "`repeat(td_lambda, mdp, pi, 1.0, lam, 10, alpha=0.05, n_runs=10)` gives a list of ten runs.",
+        "`repeat(td_lambda, mdp, pi, 1.0, lam, 10, alpha=0.05, n_runs=10, rng=np.random.default_rng(0))` gives a list of ten runs.",
         "Average `walk_error(run.V, truth)` over the runs, once for each lambda.",
     ),
     solution=MEMORY,
@@ -1169,6 +1171,12 @@ Exercise(
         Wrong(
             MEMORY.replace("alpha=0.05, n_runs=10", "alpha=0.05, n_runs=1"),
             "this is a single run for each lambda: use ten, one run is an anecdote",
+        ),
+        Wrong(
+            MEMORY.replace("np.random.default_rng(0)", "rng").replace(
+                "for lam", "rng = np.random.default_rng(0)\n            for lam"
+            ),
+            "one generator serves all three: make a new one for each lambda, so that the three start alike",
         ),
         Wrong(
             MEMORY.replace("alpha=0.05", 'alpha=0.05, trace="replacing"'),
