@@ -185,7 +185,7 @@ def show(rows):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("tier", choices=["smoke", "quick", "full", "table"])
+    parser.add_argument("tier", choices=["smoke", "quick", *TABLES, "table"])
     tier = parser.parse_args().tier
     try:
         for rows in [read(path) for path in TABLES.values()] if tier == "table" else [main(tier)]:

@@ -70,7 +70,7 @@ class ActorCritic:
         return x if self.normaliser is None else self.normaliser(x)
 
     def acting(self):
-        """The function from observations (N, d) to outputs (N, A), an MLP's layers spelt out: rollouts call it often."""
+        """The function from observations (N, d) to outputs (N, A), an MLP's layers spelt out: called for every step."""
         see, n, layers = self.normaliser or (lambda x: x), self._n, None
         if not isinstance(self.net, MLP):
             return lambda x: self.net.forward(see(x))[:, :n]
