@@ -28,8 +28,8 @@ class ActorCritic:
         return self.distribution(outputs[:, : self._n]), values[:, -1]
 
     def distribution(self, outputs):
-        """The policy that outputs (B, A) stand for."""
-        return Categorical(outputs) if self.log_std is None else Gaussian(outputs, self.log_std)
+        """The policy that outputs (B, A) stand for; it stays as it is when log_std learns on."""
+        return Categorical(outputs) if self.log_std is None else Gaussian(outputs, self.log_std.copy())
 
     def policy(self, observations):
         """The policy in observations (B, d) as the environment gives them."""
