@@ -1,0 +1,161 @@
+"""Figures of chapter 8: from labels to proximal policy optimisation."""
+
+import numpy as np
+
+from rlcore.plots.style import PALETTE, arrow, band, box, new_figure
+
+BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
+LINES = ("-", "--", ":", "-.")
+
+
+def log_probability_step(screen, names, before, after, put, title=""):
+    """A screen, the network, and the log probabilities of the actions before and after one step. fig-57, ex-up-down
+
+    screen: (rows, columns). names: of the actions. before, after: (A,) log probabilities. put: (A,), the gradient that
+    was put on each.
+    """
+    fig, (left, middle, right) = new_figure(1, 3, width=7.6, height=3.4, width_ratios=[0.55, 1, 1.3])
+    left.imshow(screen, cmap="Greys", vmin=0, vmax=1.4)
+    left.set(xticks=[], yticks=[], title="screen")
+    left.grid(False)
+    middle.set(xlim=(0, 4), ylim=(0, 4))
+    middle.axis("off")
+    box(middle, (2, 2), "network", width=2.2, height=1.1, fontsize=12)
+    arrow(middle, (0, 2), (0.9, 2))
+    for y, number in zip(np.linspace(3.3, 0.7, len(names)), put):
+        arrow(middle, (3.1, 2), (3.9, y))
+        colour = RED if number else GREY
+        middle.text(3.9, y + (0.35 if y > 2 else -0.35), f"{number:+.1f}" if number else "0", color=colour, ha="right",
+                    va="center", fontsize=13)  # fmt: skip
+    y = np.arange(len(names))[::-1]
+    right.barh(y + 0.19, before, height=0.34, color=GREY, label="before")
+    right.barh(y - 0.19, after, height=0.34, color=BLUE, label="after")
+    right.set(yticks=y, yticklabels=names, xlabel="log probability", xlim=(-2.6, 0), ylim=(-0.6, len(names) + 0.1))
+    right.legend(ncols=2, fontsize=10, loc="upper center")
+    fig.suptitle(title, fontsize=13)
+    return fig
+
+
+def progress(x, curves, xlabel, ylabel, *, ylim=None, level=None, logx=False, title=""):
+    """Lines over x with the spread over runs; curves: {label: (n,) or (n_runs, n)}. cl-117, ex-netflix
+
+    level: (height, text) of a dashed line.
+    """
+    fig, ax = new_figure(height=3.8)
+    for (label, values), colour, line in zip(curves.items(), (BLUE, RED, GREEN, BLACK), LINES):
+        values = np.atleast_2d(values)
+        band(ax, x, values.mean(axis=0), [values.min(axis=0), values.max(axis=0)], label, color=colour, ls=line)
+    if level is not None:
+        ax.axhline(level[0], color=GREY, ls="--", lw=1.2, label=level[1])
+    ax.set(xlabel=xlabel, ylabel=ylabel, ylim=ylim, title=title, xscale="log" if logx else "linear")
+    ax.legend(fontsize=11)
+    return fig
+
+
+def catch_rates(rates, *, width=200):
+    """Share of the balls that are caught, each seed and the mean; rates: {label: (n_seeds, n_episodes)}. ex-collapse
+
+    Each point is the mean of `width` episodes.
+    """
+    fig, axes = new_figure(1, len(rates), width=7.4, height=3.6, sharey=True, squeeze=False)
+    for ax, (label, values), colour in zip(axes[0], rates.items(), (BLUE, RED, GREEN)):
+        n = values.shape[1] // width
+        means = values[:, : n * width].reshape(len(values), n, width).mean(axis=2)
+        x = width * np.arange(1, n + 1)
+        ax.plot(x, means.T, color=colour, ls="-", lw=0.8, alpha=0.35)
+        ax.plot(x, means.mean(axis=0), color=BLACK, ls="-", lw=2.6, label="mean")
+        ax.axhline(0.2, color=GREY, ls="--", lw=1.2, label="at random")
+        ax.set(xlabel="episode", title=label, ylim=(0, 1.02))
+    axes[0, 0].set_ylabel("share caught")
+    axes[0, 0].legend(fontsize=10, loc="upper left")
+    return fig
+
+
+def two_distances(theta, kls):
+    """The same step of the parameter from several starts, on the policy and as KL; theta, kls: (n,). ex-distance"""
+    fig, (left, right) = new_figure(1, 2, width=7.4, height=3.6)
+    line = np.linspace(-1, theta[-1] + 2, 200)
+    left.plot(line, 1 / (1 + np.exp(-line)), color=BLUE, ls="-")
+    for start in theta:
+        ends = np.array([start, start + 1])
+        left.plot(ends, 1 / (1 + np.exp(-ends)), "o-", color=RED, ms=5)
+    left.set(xlabel="parameter", ylabel="probability of action 1")
+    right.bar(range(len(theta)), kls, color=RED, width=0.6)
+    for i, value in enumerate(kls):
+        right.text(i, value * 1.15, f"{value:.4f}", ha="center", fontsize=11)
+    right.set(yscale="log", ylim=(min(kls) / 2, max(kls) * 3), ylabel="KL(old, new)")
+    right.set(
+        xticks=range(len(theta)), xticklabels=[f"{t:g} to {t + 1:g}" for t in theta], xlabel="step of the parameter"
+    )
+    right.tick_params(axis="x", labelsize=10)
+    return fig
+
+
+def two_searches(f, paths, radii, *, xlim=(-1.7, 1.7), ylim=(-0.8, 2.2)):
+    """Contours of f with the paths of a line search and of a trust region. alg-line-search, alg-trust-region
+
+    f: of arrays x, y. paths: {label: (n, 2)}, the last one that of the trust region. radii: (n,) of its steps.
+    """
+    from matplotlib.patches import Circle
+
+    fig, ax = new_figure(width=6.2, height=4.8)
+    x, y = np.meshgrid(np.linspace(*xlim, 200), np.linspace(*ylim, 200))
+    ax.contour(x, y, np.log10(0.01 - f(x, y)), levels=12, cmap="Greys_r", linewidths=0.8, linestyles="-")
+    for (label, path), colour, line in zip(paths.items(), (BLUE, RED), ("-", "--")):
+        ax.plot(*path.T, "o", ls=line, color=colour, ms=4, lw=1.6, label=label)
+    for centre, radius in list(zip(path, radii))[::4]:
+        ax.add_patch(Circle(centre, radius, fill=False, ec=RED, lw=0.9, ls=":"))
+    ax.plot(1, 1, "*", color=BLACK, ms=14, label="top")
+    ax.set(xlabel="x", ylabel="y", xlim=xlim, ylim=ylim)
+    ax.legend(loc="lower right", fontsize=11)
+    return fig
+
+
+def minorize(theta, performance, bounds, path, title=""):
+    """Performance along one parameter, a bound for each step, and where each leads. fig-58, ex-mm, alg-mm
+
+    theta, performance: (n,). bounds: (k, n), the last one drawn strongest. path: (k + 1,) parameters.
+    """
+    fig, ax = new_figure(height=4.2)
+    ax.plot(theta, performance, color=RED, ls="-", label="performance η")
+    for k, bound in enumerate(bounds):
+        last = k == len(bounds) - 1
+        label = "lower bound M" if last else None
+        ax.plot(theta, bound, color=BLUE, ls="--" if last else ":", lw=2.2 if last else 1.0, label=label)
+        ax.plot(
+            path[k], np.interp(path[k], theta, performance), "o", color=BLACK if last else GREY, ms=8 if last else 5
+        )
+    top = np.interp(path[-1], theta, bounds[-1])
+    ax.plot(path[-1], top, "^", color=BLUE, ms=9, label="its maximum: the next point")
+    ax.plot([path[-1]] * 2, [top, np.interp(path[-1], theta, performance)], color=GREY, ls=":", lw=1.2)
+    low, high = performance.min(), performance.max()
+    ax.set(xlabel="parameter θ", ylabel="expected return", ylim=(low - 0.5 * (high - low), high + 0.4 * (high - low)))
+    ax.set(title=title)
+    ax.legend(fontsize=10, loc="lower center", ncols=2)
+    return fig
+
+
+def kl_by_scale(scales, kls, target):
+    """KL of one update against the scale of the rewards, a line for each rule; kls: {label: (n,)}. ex-beta, cl-130"""
+    fig, ax = new_figure(height=3.8)
+    for (label, values), colour, line, mark in zip(kls.items(), (RED, BLUE, GREEN), LINES, "os^"):
+        ax.plot(scales, values, mark, ls=line, color=colour, label=label)
+    ax.axhline(target, color=GREY, ls="--", lw=1.2)
+    ax.set(xscale="log", yscale="log", xlabel="rewards times", ylabel="mean KL(old, new)")
+    ax.set(xticks=scales, xticklabels=[f"{scale:g}" for scale in scales])
+    ax.legend(fontsize=11)
+    return fig
+
+
+def kl_and_beta(runs, target):
+    """Mean KL and coefficient of each update, one line a rule; runs: {label: Steps}. cl-127, cl-131"""
+    fig, (top, bottom) = new_figure(2, 1, height=4.8, sharex=True)
+    for (label, run), colour, line in zip(runs.items(), (RED, BLUE, GREEN), LINES):
+        x = np.arange(1, len(run.kl) + 1)
+        top.plot(x, run.kl, color=colour, ls=line, label=label)
+        bottom.plot(x, run.beta, color=colour, ls=line)
+    top.axhline(target, color=GREY, ls="--", lw=1.2)
+    top.set(yscale="log", ylabel="mean KL")
+    bottom.set(yscale="log", ylabel="β", xlabel="update")
+    top.legend(fontsize=10)
+    return fig
