@@ -52,6 +52,17 @@ def neuron(w, x, b=0.0, activation="sigmoid"):
     return f(x @ w + b)  # eq-nn-23
 
 
+def log_softmax(logits):
+    """Logarithms of the softmax of the last axis; adding a number to all logits changes nothing. om-softmax"""
+    shifted = logits - logits.max(axis=-1, keepdims=True)  # exp of large logits would overflow
+    return shifted - np.log(np.exp(shifted).sum(axis=-1, keepdims=True))  # om-softmax
+
+
+def softmax(logits):
+    """Probabilities proportional to exp(logits), along the last axis. om-softmax"""
+    return np.exp(log_softmax(logits))
+
+
 # ---------------------------------------------------------------------- costs
 
 
@@ -86,16 +97,14 @@ def cross_entropy(logits, labels):
     Returns a number. Source: Goodfellow et al. (2016), section 6.2.2.3.
     """
     logits, labels = _check_classes(logits, labels)
-    z = logits - logits.max(axis=1, keepdims=True)
-    return float(np.mean(np.log(np.exp(z).sum(axis=1)) - z[np.arange(labels.size), labels]))
+    return float(-log_softmax(logits)[np.arange(labels.size), labels].mean())
 
 
 def cross_entropy_gradient(logits, labels):
     """Derivative of `cross_entropy` with respect to the logits: (softmax - one_hot) / n, of their shape."""
     shape = np.shape(logits)
     logits, labels = _check_classes(logits, labels)
-    p = np.exp(logits - logits.max(axis=1, keepdims=True))
-    p /= p.sum(axis=1, keepdims=True)
+    p = softmax(logits)
     p[np.arange(labels.size), labels] -= 1
     return (p / labels.size).reshape(shape)
 

@@ -6,14 +6,9 @@ from math import e, log, pi
 import numpy as np
 
 from rlcore.mdp import check_rng, cumulative
+from rlcore.neurons import log_softmax
 
 __all__ = ["Categorical", "Gaussian", "log_softmax"]
-
-
-def log_softmax(logits):
-    """Logarithms of the softmax of the last axis; adding a number to all logits changes nothing. om-softmax"""
-    shifted = logits - logits.max(axis=-1, keepdims=True)  # exp of large logits would overflow
-    return shifted - np.log(np.exp(shifted).sum(axis=-1, keepdims=True))  # om-softmax
 
 
 @dataclass(frozen=True, eq=False)
