@@ -144,7 +144,7 @@ class Reader:
     def group(self):
         """{...} or a single token."""
         if not self.take("{"):
-            return self.atom()
+            return read([self.need(self.peek() or "an index")])
         inner = self.expression()
         self.need("}")
         return inner
@@ -553,6 +553,11 @@ def displays(page):
 def printed(page):
     """{id: LaTeX} of the displays."""
     return {name: latex for names, latex in displays(page) for name in names}
+
+
+def unnamed(page):
+    """The displays that have no id."""
+    return [latex.strip() for names, latex in displays(page) if not names]
 
 
 def inline(page, anchor, start):

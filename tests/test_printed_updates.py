@@ -57,7 +57,7 @@ def scope():
     G = np.append(discounted_returns(rewards, GAMMA), 0.0)
     tables = {
         ("S", "", 1): lambda t: int(t), ("A", "", 1): lambda t: int(actions[int(t)]), ("G", "", 1): G, ("L", "", 1): L,
-        (r"\delta", "", 1): lambda t: delta, ("V", "", 1): V, ("V", "t", 1): V, ("Q", "", 2): Q, ("Q", "t", 2): Q,
+        ("delta", "indexed", 1): lambda t: delta, ("V", "", 1): V, ("V", "t", 1): V, ("Q", "", 2): Q, ("Q", "t", 2): Q,
         ("E", "t-1", 1): E[:, 0], ("E", "t", 1): E[:, 0], ("E", "t-1", 2): E, ("E", "t", 2): E,
     }  # fmt: skip
     return Scope({"a": range(2)}, tables, rewards, GAMMA, {r"\alpha": ALPHA, r"\lambda": LAM})
