@@ -108,7 +108,7 @@ def _on_executor(executor, function, left, keep):
     try:
         for file, run in left.items():
             futures[executor.submit(_run, function, *run)] = file
-        for future in as_completed(list(futures)):
+        for future in as_completed(futures):
             if isinstance(future.exception(), BrokenExecutor):
                 raise future.exception()
             keep(futures[future], future)
@@ -182,7 +182,7 @@ def _reporter(n, shown):
         minutes = (time.monotonic() - start) / len(failed) * (n - len(failed)) / 60
         line = f"{len(failed)} of {n} runs, {sum(failed)} failed, {minutes:.1f} min left"
         end = "\r" if sys.stderr.isatty() and len(failed) < n else "\n"
-        print(f"{line:<60}", end=end, file=sys.stderr, flush=True)
+        print(f"{line:<60}", end=end, file=sys.stderr)
 
     return report if shown else lambda record: None
 
@@ -204,7 +204,7 @@ def _digest(data):
 def _write(path, record):
     """All of the file or nothing: written aside, then renamed."""
     part = path.with_name(path.name + ".part")
-    with open(part, "w", encoding="utf-8") as out:
+    with open(part, "w") as out:
         json.dump({"run": asdict(record), "sha256": _digest(asdict(record))}, out)
         out.flush()
         os.fsync(out.fileno())
@@ -216,7 +216,7 @@ def _read(store):
     records = {}
     for path in sorted(store.iterdir()):
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
+            data = json.loads(path.read_text())
             record = Record(**data["run"])
             name = _file_name(record.function, record.setting, record.seed)
             if data["sha256"] != _digest(data["run"]) or path.name != name:

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+FRESH = True  # unless somebody changed it, in a process that then forked
+
 
 def draw(x, rng):
     if x == "bad":
@@ -29,7 +31,11 @@ def logged(x, log, rng, seconds=0.0, kill=False):
     time.sleep(seconds)
     if kill:
         os.kill(os.getpid(), signal.SIGKILL)
-    return {"x": x, "process": os.getpid(), "threads": os.environ.get("OMP_NUM_THREADS")}
+    ignored = signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    return {
+        "x": x, "process": os.getpid(), "threads": os.environ.get("OMP_NUM_THREADS"), "fresh": FRESH,
+        "interrupts": not ignored,
+    }  # fmt: skip
 
 
 def starts(log, x):

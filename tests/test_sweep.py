@@ -17,12 +17,14 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+import sweep_runs
 from sweep_runs import draw, logged, starts
 
 from rlcore import sweep as module
 from rlcore.sweep import sweep
 
 HERE = Path(__file__).parent
+ENVIRONMENT = os.environ | {"PYTHONPATH": f"{HERE}{os.pathsep}{Path(module.__file__).parents[1]}"}
 
 
 class Here(Executor):
@@ -124,6 +126,21 @@ def test_a_file_is_complete_on_disk_before_it_gets_its_name(tmp_path, monkeypatc
     assert calls == [path.stat().st_size, (f"{path}.part", str(path))]
 
 
+def test_numbers_of_different_kinds_are_different_settings(tmp_path):
+    records = sweep(draw, [dict(x=1), dict(x=1.0), dict(x=True)], [0], tmp_path, Here())
+    assert len(list(tmp_path.iterdir())) == 3
+    assert [type(r.setting["x"]) for r in records] == [int, float, bool]
+
+
+def test_a_run_is_kept_when_it_ends_however_long_others_take(tmp_path, monkeypatch):
+    write, order = module._write, []
+    monkeypatch.setattr(module, "_write", lambda path, r: (order.append(r.setting["x"]), write(path, r)))
+    settings = [dict(x=x, log=str(tmp_path), seconds=seconds) for x, seconds in enumerate((0.5, 0.01, 0.02))]
+    with ThreadPoolExecutor(3) as executor:
+        sweep(logged, settings, [0], tmp_path / "store", executor)
+    assert order == [1, 2, 0]
+
+
 # ---------------------------------------------------------------------- what is in the store and should not count
 
 
@@ -168,7 +185,7 @@ def test_foreign_files_are_named_and_never_counted(tmp_path):
     foreign[4].mkdir()
     with pytest.warns(UserWarning, match="not a whole record") as caught:
         assert sweep(draw, [dict(x=1)], [0], tmp_path, Here()) == [record]
-    assert sorted(str(w.message).split(": not")[0] for w in caught) == sorted(map(str, foreign))
+    assert [str(w.message).split(": not")[0] for w in caught] == sorted(map(str, foreign))
     assert all(path.exists() for path in foreign)
 
 
@@ -249,12 +266,21 @@ def test_a_result_that_cannot_travel_is_the_failure_of_its_run(tmp_path):
 # ---------------------------------------------------------------------- processes that are killed
 
 
+def test_there_is_a_process_for_each_core_that_is_ours(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 5, 6}, raising=False)
+    assert module._cores() == 3
+    monkeypatch.delattr(os, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: 9)
+    assert module._cores() == 9
+
+
 def test_each_process_has_one_thread_and_the_rest_of_us_keep_ours(tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    monkeypatch.setattr(sweep_runs, "FRESH", False)
     (tmp_path / "log").mkdir()
     records = sweep(logged, [dict(x=x, log=str(tmp_path / "log")) for x in range(3)], [0], tmp_path / "store")
-    assert [r.result["threads"] for r in records] == ["1"] * 3
+    assert all(r.result["threads"] == "1" and r.result["fresh"] and not r.result["interrupts"] for r in records)
     assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
     assert {r.result["process"] for r in records}.isdisjoint({os.getpid()})
     assert not any(alive(r.result["process"]) for r in records) and not active_children()
@@ -292,7 +318,7 @@ def test_a_killed_sweep_ends_its_workers_and_goes_on_where_it_was(tmp_path, how)
     log, store = tmp_path / "log", tmp_path / "store"
     log.mkdir()
     command = [sys.executable, HERE / "sweep_runs.py", store, log]
-    started = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    started = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
     workers = []
     try:
         wait_for(lambda: len(list(store.glob("*.json")) if store.exists() else []) == 6 and starts(log, 6))
@@ -320,14 +346,14 @@ def test_a_killed_sweep_ends_its_workers_and_goes_on_where_it_was(tmp_path, how)
 def cluster(tmp_path):
     """Address of a scheduler on the loopback interface; two workers in processes of their own, without a nanny."""
     pytest.importorskip("distributed")
-    address, environment = tmp_path / "scheduler.json", os.environ | {"PYTHONPATH": str(HERE)}
+    address = tmp_path / "scheduler.json"
     scheduler = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
     worker = ["distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
     commands = [scheduler, [*worker, "--name", "one"], [*worker, "--name", "two"]]
     processes = [
         subprocess.Popen(
             [sys.executable, "-m", *command, "--scheduler-file", address],
-            env=environment,
+            env=ENVIRONMENT,
             cwd=tmp_path,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -385,6 +411,7 @@ def test_progress_goes_to_stderr_where_it_is_asked_for(tmp_path, capsys):
     with pytest.warns(UserWarning):
         sweep(draw, settings, [0], tmp_path / "a", Here(), progress=True)
     out, err = capsys.readouterr()
+    assert err.count("\n") == 4 and "\r" not in err
     lines = [re.sub(r"[0-9.]+ min", "m min", line.strip()) for line in err.splitlines()]
     assert out == "" and [line.split(" runs")[0] for line in lines] == [f"{k} of 4" for k in (1, 2, 3, 4)]
     assert lines[-1] == "4 of 4 runs, 1 failed, m min left"
@@ -401,8 +428,8 @@ def test_time_left_is_that_of_a_run_so_far_times_what_is_left(monkeypatch, capsy
     report = module._reporter(3, True)
     for _ in range(3):
         report(module.Record("f", {}, 0, 1, 1.0, None, {}))
-    lines = [line.strip() for line in re.split("[\r\n]", capsys.readouterr().err) if line]
-    assert lines == [f"{k} of 3 runs, 0 failed, {left} min left" for k, left in ((1, "2.0"), (2, "1.0"), (3, "0.0"))]
+    lines = [f"{k} of 3 runs, 0 failed, {left} min left".ljust(60) for k, left in ((1, "2.0"), (2, "1.0"), (3, "0.0"))]
+    assert capsys.readouterr().err == "\r".join(lines) + "\n"
 
 
 # ---------------------------------------------------------------------- bad input
