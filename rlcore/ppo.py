@@ -24,6 +24,7 @@ from rlcore.actor_critic import make_agent
 from rlcore.mdp import check_count, check_rng
 from rlcore.optimizers import check_positive
 from rlcore.rollouts import Settings, gae, learning_data, make_run, rollouts, vector_env
+from rlcore.surrogates import adapt_beta
 
 __all__ = [
     "OBJECTIVES", "PPOConfig", "adapt_beta", "clip_gradient", "gae", "objective_gradient", "ppo", "surrogate_gradient",
@@ -109,16 +110,6 @@ def _parts(gradient):
     return gradient if isinstance(gradient, tuple) else (gradient,)
 
 
-def adapt_beta(beta, kl, d_target):
-    """The next coefficient of the KL penalty. om-adaptive-beta, alg-kl-adaptive
-
-    kl: mean KL(old, new) after the update. Source: Schulman et al. (2017), section 4.
-    """
-    if kl < d_target / 1.5:
-        return beta / 2  # om-adaptive-beta
-    return 2 * beta if kl > 1.5 * d_target else beta  # om-adaptive-beta
-
-
 # ---------------------------------------------------------------------- learning
 
 
@@ -135,7 +126,7 @@ def ppo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=N
     alg-ppo-full, alg-ppo-clip, alg-kl-penalty, alg-kl-adaptive. Source: Schulman et al. (2017), algorithm 1.
     """
     n_steps, rng = check_count("n_steps", n_steps), check_rng(rng)
-    if not isinstance(config := config or PPOConfig(), PPOConfig):
+    if not isinstance(config := PPOConfig() if config is None else config, PPOConfig):
         raise ValueError(f"config: got {type(config).__name__}, must be a PPOConfig")
     env = vector_env(world, config.n_envs)
     agent = make_agent(env, config, net, critic, rng, shared=config.shared)
@@ -148,7 +139,7 @@ def ppo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=N
         steps = episodes.steps
         history.append((steps, kl, *record, beta, lr))
         if config.objective == "kl_adaptive":
-            beta = adapt_beta(beta, kl, config.d_target)
+            beta = adapt_beta(beta, max(kl, 0.0), config.d_target)  # rounding may leave it below 0
     return make_run(agent, episodes, history, FIELDS)
 
 

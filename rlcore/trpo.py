@@ -132,7 +132,7 @@ def trpo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=
     Source: Schulman et al. (2015), section 6 and appendix C.
     """
     n_steps, rng = check_count("n_steps", n_steps), check_rng(rng)
-    if not isinstance(config := config or TRPOConfig(), TRPOConfig):
+    if not isinstance(config := TRPOConfig() if config is None else config, TRPOConfig):
         raise ValueError(f"config: got {type(config).__name__}, must be a TRPOConfig")
     env, history = vector_env(world, config.n_envs), []
     agent = make_agent(env, config, net, critic, rng)
