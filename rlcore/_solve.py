@@ -13,7 +13,7 @@ import numpy as np
 
 from rlcore.bellman import _reaches, greedy, policy_matrix, q_from_v, solve_policy
 from rlcore.compiled import compiled
-from rlcore.mdp import check_gamma, uniform_policy
+from rlcore.mdp import check_gamma, is_number, uniform_policy
 from rlcore.results import Solution
 
 ULP = float(np.finfo(float).eps) / 2  # relative error of one operation
@@ -36,7 +36,7 @@ def solve(mdp, gamma, tol=1e-6):
     reach a terminal one or values grow without end. Source: Puterman (1994), theorems 6.6.3 and 6.6.6.
     """
     gamma = check_gamma(gamma)
-    if not (np.ndim(tol) == 0 and np.isfinite(tol) and tol > 0):
+    if not (is_number(tol) and 0 < tol < np.inf):
         raise ValueError(f"tol: got {tol!r}, must be a positive number")
     if gamma == 1:
         V, bound, n_iter = _undiscounted(mdp, float(tol))

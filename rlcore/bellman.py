@@ -2,7 +2,6 @@
 
 import itertools
 from functools import cache
-from numbers import Real
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from rlcore.mdp import (
     check_policy,
     check_values,
     deterministic_policy,
+    is_number,
 )
 
 
@@ -82,7 +82,7 @@ def greedy(Q):
 def greedy_actions(Q, tol=1e-9):
     """Every maximising action: (S, A) bool, Q(s, a) >= max - tol * (1 + |max|). cl-013"""
     Q = _rows(Q)
-    if not isinstance(tol, Real) or not 0 <= tol < np.inf:
+    if not is_number(tol) or not 0 <= tol < np.inf:
         raise ValueError(f"tol: got {tol!r}, must be a number of at least 0")
     best = Q.max(axis=1, keepdims=True)
     return best - tol * (1 + np.abs(best)) <= Q

@@ -1,7 +1,5 @@
 """Dynamic programming: planning with a known model (chapter 3)."""
 
-from numbers import Real
-
 import numpy as np
 
 from rlcore.bellman import (
@@ -15,7 +13,7 @@ from rlcore.bellman import (
     solve_policy,
 )
 from rlcore.compiled import compiled
-from rlcore.mdp import check_count, check_gamma, check_policy, check_values, uniform_policy
+from rlcore.mdp import check_count, check_gamma, check_policy, check_values, is_number, uniform_policy
 from rlcore.results import Solution
 
 
@@ -141,7 +139,7 @@ def _model(mdp):
 
 
 def _check_tol(tol):
-    if not isinstance(tol, Real) or not 0 < tol < np.inf:
+    if not is_number(tol) or not 0 < tol < np.inf:
         raise ValueError(f"tol: got {tol!r}, must be a positive number")
     return float(tol)
 

@@ -4,7 +4,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.mdp import Trajectory, as_floats, as_integers, check_count, check_gamma, discounted_returns
+from rlcore.mdp import Trajectory, as_floats, as_integers, check_count, check_gamma, discounted_returns, is_number
 from rlcore.tabular import check_rate
 
 
@@ -114,7 +114,7 @@ def _sums(batch, x, each, to=None):
 def _sweep(increments, V, alpha, tol, max_sweeps):
     """V after sweeps V + alpha increments(V), until none changes an entry by tol."""
     alpha, max_sweeps = check_rate(alpha), check_count("max_sweeps", max_sweeps)
-    if not tol > 0:
+    if not is_number(tol) or not tol > 0:
         raise ValueError(f"tol: got {tol!r}, must be positive")
     for _ in range(max_sweeps):
         change = alpha * increments(V)

@@ -2,13 +2,12 @@
 
 import types
 from collections import namedtuple
-from numbers import Real
 
 import numpy as np
 
 from rlcore.bellman import _reaches, policy_matrix
 from rlcore.compiled import compiled
-from rlcore.mdp import FiniteMDP, check_count, draw, step
+from rlcore.mdp import FiniteMDP, check_count, draw, is_number, step
 
 FOREVER = np.iinfo(np.int64).max
 
@@ -103,9 +102,9 @@ def decaying(first, *, rate=1.0, power=1.0, per_step=False):
     n counts the earlier updates of the same state or pair where it is a step size, so that decaying(1.0) is 1/N, the
     sample average; for epsilon, the finished episodes, or with per_step the steps taken.
     """
-    if not 0 < first <= 1:
+    if not is_number(first) or not 0 < first <= 1:
         raise ValueError(f"first: got {first!r}, must be in (0, 1]")
-    if not (0 <= rate < np.inf and 0 <= power < np.inf):
+    if not (is_number(rate) and is_number(power) and 0 <= rate < np.inf and 0 <= power < np.inf):
         raise ValueError(f"rate, power: got {rate!r}, {power!r}, must be at least 0")
     return Schedule(float(first), float(rate), float(power), bool(per_step))
 
@@ -114,7 +113,7 @@ def check_schedule(name, value):
     """value as a Schedule; a number is one that never falls. ValueError unless it is in (0, 1], or 0 for epsilon."""
     if isinstance(value, Schedule):
         return value
-    if not (isinstance(value, Real) and (0 < value <= 1 or (name == "epsilon" and value == 0))):
+    if not (is_number(value) and (0 < value <= 1 or (name == "epsilon" and value == 0))):
         raise ValueError(
             f"{name}: got {value!r}, must be in {'[0, 1]' if name == 'epsilon' else '(0, 1]'} or decaying(...)"
         )

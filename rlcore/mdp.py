@@ -248,9 +248,14 @@ class FiniteMDP:
 
     @staticmethod
     def _index(name, value, size):
-        if not isinstance(value, Real) or not 0 <= value < size or int(value) != value:
+        if not is_number(value) or not 0 <= value < size or int(value) != value:
             raise ValueError(f"{name}: got {value!r}, must be an integer in 0..{size - 1}")
         return int(value)
+
+
+def is_number(value):
+    """Whether value is a real number; True and False are not."""
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def as_floats(name, values):
@@ -296,8 +301,12 @@ def _where(bad):
     return "(" + ", ".join(f"{name}={i}" for name, i in zip("sak", np.argwhere(bad)[0])) + ")"
 
 
+def _is_index(i):
+    return is_number(i) and isinstance(i, (int, np.integer)) and i >= 0
+
+
 def _pair(key):
-    if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(i, (int, np.integer)) and i >= 0 for i in key)):
+    if not (isinstance(key, tuple) and len(key) == 2 and all(_is_index(i) for i in key)):
         raise ValueError(f"outcomes: got key {key!r}, must be (s, a), two integers that are at least 0")
     return key
 
@@ -305,10 +314,10 @@ def _pair(key):
 def _merge(key, rows):
     merged = {}
     for row in rows if hasattr(rows, "__iter__") else [rows]:
-        if not (isinstance(row, (tuple, list)) and len(row) == 3 and all(isinstance(x, Real) for x in row)):
+        if not (isinstance(row, (tuple, list)) and len(row) == 3 and all(map(is_number, row))):
             raise ValueError(f"outcomes: got {row!r} at {key}, must be (probability, s_next, reward)")
         p, s_next, r = row
-        if not isinstance(s_next, (int, np.integer)) or s_next < 0:
+        if not _is_index(s_next):
             raise ValueError(f"outcomes: got s_next = {s_next!r} at {key}, must be an integer that is at least 0")
         if p < 0:
             raise ValueError(f"outcomes: got probability {p!r} at {key}, must be at least 0")
@@ -415,7 +424,7 @@ def check_gamma(gamma):
 
 def check_probability(name, value):
     """value as a float; ValueError unless it is a number in [0, 1]."""
-    if not isinstance(value, Real) or not 0 <= value <= 1:
+    if not is_number(value) or not 0 <= value <= 1:
         raise ValueError(f"{name}: got {value!r}, must be a number in [0, 1]")
     return float(value)
 
@@ -432,7 +441,7 @@ def check_values(mdp, V, name="V"):
 
 def check_count(name, value, least=1):
     """value as an int; ValueError unless it is a whole number of at least `least`."""
-    if not isinstance(value, Real) or not least <= value < np.inf or int(value) != value:
+    if not is_number(value) or not least <= value < np.inf or int(value) != value:
         raise ValueError(f"{name}: got {value!r}, must be a whole number of at least {least}")
     return int(value)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.mdp import as_floats, check_count
+from rlcore.mdp import as_floats, check_count, is_number
 
 # ---------------------------------------------------------------------- activations
 
@@ -120,9 +120,7 @@ COSTS = {  # name: (cost, its derivative with respect to the outputs)
 
 def step_position(w, b):
     """Where sigma(w x + b) crosses 1/2: s = -b / w. eq-nn-24, fig-41, cl-090"""
-    if not w or not np.isfinite(w):
-        raise ValueError(f"w: got {w!r}, must be a finite number other than 0: without a slope there is no step")
-    return -b / w  # eq-nn-24
+    return -_check_finite("b", b) / _check_slope(w)  # eq-nn-24
 
 
 def step_neuron(x, s, w=1000.0):
@@ -130,7 +128,7 @@ def step_neuron(x, s, w=1000.0):
 
     x: any shape. w: the weight; a negative one steps down. Returns an array of x's shape.
     """
-    step_position(w, -w * s)
+    w, s = _check_slope(w), _check_finite("s", s)
     return sigmoid(w * as_floats("x", x) - w * s)
 
 
@@ -161,9 +159,25 @@ def check_name(argument, name, table):
 
 def check_dtype(dtype):
     """dtype as a numpy.dtype; ValueError unless float32 or float64."""
-    if np.dtype(dtype) not in (np.float32, np.float64):
+    try:
+        found = None if dtype is None else np.dtype(dtype)
+    except (TypeError, ValueError):
+        found = None
+    if found not in (np.float32, np.float64):
         raise ValueError(f"dtype: got {dtype!r}, must be numpy.float32 or numpy.float64")
-    return np.dtype(dtype)
+    return found
+
+
+def _check_slope(w):
+    if not is_number(w) or not np.isfinite(w) or w == 0:
+        raise ValueError(f"w: got {w!r}, must be a finite number other than 0: without a slope there is no step")
+    return w
+
+
+def _check_finite(name, value):
+    if not is_number(value) or not np.isfinite(value):
+        raise ValueError(f"{name}: got {value!r}, must be a finite number")
+    return value
 
 
 def _check_pair(a, y):

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from rlcore.mdp import is_number
+
 
 class SGD:
     """Gradient descent, with momentum if wanted; stochastic if the gradient is that of a minibatch. om-sgd
@@ -73,12 +75,12 @@ def _check_gradient(theta, gradient, state):
 
 
 def check_positive(name, value):
-    if not np.isscalar(value) or isinstance(value, str) or not 0 < value < np.inf:
+    if not is_number(value) or not 0 < value < np.inf:
         raise ValueError(f"{name}: got {value!r}, must be a number above 0")
     return float(value)
 
 
 def _check_decay(name, value):
-    if not np.isscalar(value) or isinstance(value, str) or not 0 <= value < 1:
+    if not is_number(value) or not 0 <= value < 1:
         raise ValueError(f"{name}: got {value!r}, must be a number in [0, 1)")
     return float(value)

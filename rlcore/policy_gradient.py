@@ -1,14 +1,22 @@
 """The softmax policy in features, the exact policy gradient, and its estimates from episodes (chapter 7)."""
 
 from math import exp
-from numbers import Real
 
 import numpy as np
 
 from rlcore.bellman import policy_matrix, q_from_v, solve_policy
 from rlcore.compiled import compiled
 from rlcore.experience import act, check_max_steps, reset, run_loop, spaces
-from rlcore.mdp import as_floats, as_integers, check_count, check_gamma, check_mdp, check_rng, discounted_returns
+from rlcore.mdp import (
+    as_floats,
+    as_integers,
+    check_count,
+    check_gamma,
+    check_mdp,
+    check_rng,
+    discounted_returns,
+    is_number,
+)
 from rlcore.neurons import softmax
 
 __all__ = [
@@ -264,12 +272,12 @@ def _indices(name, values, n):
 
 
 def _check_step(name, value, least=None):
-    if not isinstance(value, Real) or not (value > 0 or value == least) or not value < np.inf:
+    if not is_number(value) or not (value > 0 or value == least) or not value < np.inf:
         raise ValueError(f"{name}: got {value!r}, must be a number {'of at least' if least == 0 else 'above'} 0")
     return float(value)
 
 
 def _check_p_min(p_min, A):
-    if not isinstance(p_min, Real) or not 0 <= p_min < 1 / A:
+    if not is_number(p_min) or not 0 <= p_min < 1 / A:
         raise ValueError(f"p_min: got {p_min!r}, must be in [0, 1 / {A})")
     return float(p_min)

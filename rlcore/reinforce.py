@@ -1,12 +1,10 @@
 """REINFORCE with a softmax policy or a network, with and without baseline, and one-step actor-critic (chapter 7)."""
 
-from numbers import Real
-
 import numpy as np
 
 from rlcore.compiled import compiled
 from rlcore.experience import FOREVER, act, books, check_max_steps, reset, run_loop, spaces
-from rlcore.mdp import FiniteMDP, check_count, check_gamma, check_rng, discounted_returns
+from rlcore.mdp import FiniteMDP, check_count, check_gamma, check_rng, discounted_returns, is_number
 from rlcore.nn import MLP, Adam
 from rlcore.policies import Categorical
 from rlcore.policy_gradient import (
@@ -372,7 +370,7 @@ def _check_baseline(baseline, names):
     """baseline as a name, or as a number, 0.0 for None."""
     if isinstance(baseline, str) and baseline in names:
         return baseline
-    if baseline is not None and not (isinstance(baseline, Real) and np.isfinite(baseline)):
+    if baseline is not None and not (is_number(baseline) and np.isfinite(baseline)):
         raise ValueError(f"baseline: got {baseline!r}, must be None, a number, " + " or ".join(map(repr, names)))
     return float(baseline or 0.0)
 
@@ -395,8 +393,7 @@ def reinforce_linear(start, step, alive, n_actions, gamma, n_episodes, *, alpha,
     Returns a Run; policy is W (A, d), history (n_episodes + 1, A, d). Source: Williams (1992).
     """
     gamma, max_steps, rng = check_gamma(gamma), check_count("max_steps", max_steps), check_rng(rng)
-    if not alpha > 0:
-        raise ValueError(f"alpha: got {alpha!r}, must be positive")
+    alpha = _check_step("alpha", alpha)
     W = np.zeros((check_count("n_actions", n_actions), np.size(start(rng=rng))))
     lengths, history = [], [W]
     for _ in range(check_count("n_episodes", n_episodes)):

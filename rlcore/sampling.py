@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.compiled import compiled
-from rlcore.mdp import check_count, check_gamma, draw, step
+from rlcore.mdp import check_count, check_gamma, check_probability, draw, step
 from rlcore.planning import epsilon_greedy, max_value
 
 
@@ -26,8 +26,7 @@ def spread_updates(mdp, gamma, n_updates, *, where, epsilon=0.1, record=1, rng):
     """
     if where not in ("trajectory", "uniform"):
         raise ValueError(f'where: got {where!r}, must be "trajectory" or "uniform"')
-    if not 0 <= epsilon <= 1:
-        raise ValueError(f"epsilon: got {epsilon!r}, must be a probability in [0, 1]")
+    epsilon = check_probability("epsilon", epsilon)
     n_updates, record = check_count("n_updates", n_updates), check_count("record", record)
     pairs = np.argwhere(mdp.legal & ~mdp.terminal[:, None])
     Q0 = np.where(mdp.legal, 0.0, -np.inf)

@@ -1,12 +1,10 @@
 """Action rules of tabular methods, and checks of their settings."""
 
-from numbers import Real
-
 import numpy as np
 
 from rlcore.bellman import greedy_actions
 from rlcore.compiled import compiled
-from rlcore.mdp import FiniteMDP, as_floats, check_probability
+from rlcore.mdp import FiniteMDP, as_floats, check_probability, is_number
 
 
 @compiled
@@ -69,7 +67,7 @@ def check_world(world):
 
 def check_rate(alpha):
     """alpha as a float; ValueError unless it is in (0, 1]."""
-    if not (isinstance(alpha, Real) and 0 < alpha <= 1):
+    if not (is_number(alpha) and 0 < alpha <= 1):
         raise ValueError(f"alpha: got {alpha!r}, must be in (0, 1]")
     return float(alpha)
 

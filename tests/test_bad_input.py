@@ -8,7 +8,10 @@ import pytest
 from worlds import awkward, loop, stay_or_go
 
 from rlcore import bellman, dp, envs, mdp, td, traces
+from rlcore.experience import check_schedule, decaying
 from rlcore.mdp import FiniteMDP, uniform_policy
+from rlcore.reinforce import gradient_ascent, reinforce, reinforce_linear, softmax_policy
+from rlcore.sampling import spread_updates
 from rlcore.tabular import check_rate
 
 ROBOT = envs.recycling_robot()  # 2 states, 3 actions; action 2 is not legal in state 0
@@ -353,12 +356,58 @@ def test_good_input_of_unusual_types_is_accepted():
     assert np.array_equal(V, bellman.solve_policy(m, pi, 0.5))
     assert dp.value_iteration(m, 0, max_iter=np.int64(3)).converged
     assert m.p(np.int64(1), 2, np.uint8(0), 0.0) == 0.5
-    assert mdp.discounted_return((1, 2), True) == 3.0
+    assert mdp.discounted_return((1, 2), np.int64(1)) == 3.0
     assert not envs.gridworld(terminals=[]).terminal.any()
     assert envs.gridworld(terminals=np.array([3])).terminal[3]
 
 
-@pytest.mark.parametrize("value", ["fast", None, 0.0, 1.5])
+@pytest.mark.parametrize("value", ["fast", None, 0.0, 1.5, True])
 def test_a_step_size_that_is_no_number_is_refused(value):
     with pytest.raises(ValueError, match=f"^alpha: got {value!r}, must be in \\(0, 1\\]"):
         check_rate(value)
+
+
+NO_NUMBERS = [True, np.True_, "1", None, [1.0]]
+TAKES_A_NUMBER = {
+    "gamma": lambda x: mdp.check_gamma(x),
+    "n": lambda x: mdp.check_count("n", x),
+    "s": lambda x: ROBOT.p(0, 0.0, x, 0),
+    "tol": lambda x: dp.value_iteration(ROBOT, 0.9, tol=x),
+    "tol of ties": lambda x: bellman.greedy_actions(np.zeros((1, 2)), tol=x),
+    "tol of solve": lambda x: dp.solve(ROBOT, 0.9, tol=x),
+    "tol of batches": lambda x: td.batch_td([([0, 1], [1.0])], 2, 0.9, alpha=0.1, tol=x),
+    "alpha": lambda x: check_schedule("alpha", x),
+    "epsilon": lambda x: check_schedule("epsilon", x),
+    "first": lambda x: decaying(x),
+    "rate, power": lambda x: decaying(1.0, rate=x),
+    "rate, power of power": lambda x: decaying(1.0, power=x),
+    "concentration": lambda x: envs.random_mdp(2, 2, concentration=x, rng=RNG),
+    "n_states": lambda x: envs.cost_of_a_sweep(x),
+    "alpha of bluffs": lambda x: envs.bluff_learning(0.5, 0.4, 1, alpha=x),
+    "epsilon of samples": lambda x: spread_updates(ROBOT, 0.9, 1, where="uniform", epsilon=x, rng=RNG),
+    "alpha of ascent": lambda x: gradient_ascent(ROBOT, np.zeros((3, 2)), 0.9, 1, alpha=x),
+    "p_min": lambda x: softmax_policy(np.zeros((2, 1)), p_min=x),
+    "alpha of chapter 3": lambda x: reinforce_linear(lambda rng: np.ones(1), None, None, 2, 0.9, 1, alpha=x, rng=RNG),
+}
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
+@pytest.mark.parametrize("name", TAKES_A_NUMBER)
+def test_what_is_no_number_is_refused(name, value):
+    argument = name.partition(" of ")[0]
+    with pytest.raises(ValueError, match=rf"^{argument}[:,].*must be"):
+        TAKES_A_NUMBER[name](value)
+
+
+@pytest.mark.parametrize("value", [True, [1.0], ("value",)])
+def test_a_baseline_that_is_no_number_is_refused(value):
+    with pytest.raises(ValueError, match="^baseline: got"):
+        reinforce(ROBOT, n_episodes=1, max_steps=2, baseline=value, rng=RNG)
+
+
+@pytest.mark.parametrize("row", [(True, 0, 1.0), (1.0, True, 1.0), (1.0, 0, True)])
+def test_truth_values_are_no_outcomes(row):
+    with pytest.raises(ValueError, match="^outcomes: got"):
+        FiniteMDP.from_outcomes({(0, 0): [row]})
+    with pytest.raises(ValueError, match="^outcomes: got key"):
+        FiniteMDP.from_outcomes({(False, 0): [(1.0, 0, 1.0)]})

@@ -2,7 +2,7 @@
 
 from math import comb
 
-from rlcore.mdp import FiniteMDP, check_count
+from rlcore.mdp import FiniteMDP, check_count, is_number
 
 __all__ = ["board_states", "cost_of_a_sweep", "game_values", "tic_tac_toe"]
 
@@ -60,7 +60,7 @@ def board_states(rows, cols):
 def cost_of_a_sweep(n_states, per_second=1e9, n_bytes=8):
     """(years, bytes): time of one backup of every state, and memory for one number a state. ex-backgammon"""
     for name, value in dict(n_states=n_states, per_second=per_second, n_bytes=n_bytes).items():
-        if not value > 0:
+        if not is_number(value) or not value > 0:
             raise ValueError(f"{name}: got {value!r}, must be a positive number")
     return n_states / per_second / SECONDS_PER_YEAR, n_states * n_bytes
 

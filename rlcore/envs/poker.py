@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.mdp import as_floats, check_count
+from rlcore.mdp import as_floats, check_count, check_probability, is_number
 
 __all__ = ["bluff_gradients", "bluff_guarantee", "bluff_learning", "bluff_values"]
 
@@ -48,8 +48,9 @@ def bluff_learning(x, y, n_steps, *, alpha, epsilon=None, caller="gradient"):
     """
     if caller not in ("gradient", "best"):
         raise ValueError(f'caller: got {caller!r}, allowed are "gradient" and "best"')
-    if not 0 < alpha < np.inf or not (epsilon is None or 0 <= epsilon <= 1):
-        raise ValueError(f"alpha, epsilon: got {alpha!r}, {epsilon!r}, must be above 0, and None or in [0, 1]")
+    if not is_number(alpha) or not 0 < alpha < np.inf:
+        raise ValueError(f"alpha: got {alpha!r}, must be a number above 0")
+    epsilon = None if epsilon is None else check_probability("epsilon", epsilon)
     x, y = _probabilities(x=x, y=y)
     if not (0 < x < 1 and 0 < y < 1):
         raise ValueError(f"x, y: got {x}, {y}, must be inside (0, 1): at the ends the gradient is 0")

@@ -1,10 +1,8 @@
 """Small processes that make one point each."""
 
-from numbers import Real
-
 import numpy as np
 
-from rlcore.mdp import FiniteMDP, as_floats, check_count, check_probability, check_rng
+from rlcore.mdp import FiniteMDP, as_floats, check_count, check_probability, check_rng, is_number
 
 __all__ = [
     "branching_mdp",
@@ -41,7 +39,7 @@ def random_mdp(n_states, n_actions, *, n_next=None, concentration=0.3, rng):
     """
     S, A = check_count("n_states", n_states), check_count("n_actions", n_actions)
     K, rng = S if n_next is None else check_count("n_next", n_next), check_rng(rng)
-    if not (isinstance(concentration, Real) and 0 < concentration < np.inf):
+    if not (is_number(concentration) and 0 < concentration < np.inf):
         raise ValueError(f"concentration: got {concentration!r}, must be a positive number")
     next_state = np.broadcast_to(np.arange(S), (S, A, S)) if n_next is None else rng.integers(S, size=(S, A, K))
     prob = rng.dirichlet(np.full(K, concentration), size=(S, A))
