@@ -145,12 +145,14 @@ def vector_env(world, n_envs=1):
 
 
 def _check_spaces(observations, actions):
-    if hasattr(observations, "n") or len(getattr(observations, "shape", None) or ()) != 1:
+    if not _is_vector(observations):
         raise ValueError(f"world: got observations {observations}, must be a Box of shape (n,)")
-    if not hasattr(actions, "n") and len(getattr(actions, "shape", None) or ()) != 1:
-        raise ValueError(f"world: got actions {actions}, must be Discrete or a Box of shape (n,)")
-    if getattr(actions, "start", 0) != 0 or (hasattr(actions, "n") and np.ndim(actions.n)):
-        raise ValueError(f"world: got actions {actions}, must be one Discrete space, counted from 0, or a Box")
+    if not _is_vector(actions) and not (hasattr(actions, "n") and actions.shape == () and actions.start == 0):
+        raise ValueError(f"world: got actions {actions}, must be Discrete, counted from 0, or a Box of shape (n,)")
+
+
+def _is_vector(space):
+    return hasattr(space, "low") and len(space.shape) == 1
 
 
 # ---------------------------------------------------------------------- acting
