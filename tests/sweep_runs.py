@@ -48,5 +48,6 @@ if __name__ == "__main__":
     from rlcore.sweep import sweep
 
     store, log = sys.argv[1:]
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore interrupts
     settings = [dict(x=x, log=log, seconds=0.02 if x < 6 else 60.0) for x in range(8)]
     sweep(logged, settings, [0], store)

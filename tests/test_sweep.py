@@ -1,5 +1,6 @@
 """Sweeps: what is stored, what is run again, and what happens when processes are killed."""
 
+import importlib.util
 import json
 import os
 import platform
@@ -18,6 +19,7 @@ import numpy as np
 import psutil
 import pytest
 import sweep_runs
+from conftest import absent
 from sweep_runs import draw, logged, starts
 
 from rlcore import sweep as module
@@ -345,7 +347,8 @@ def test_a_killed_sweep_ends_its_workers_and_goes_on_where_it_was(tmp_path, how)
 @pytest.fixture
 def cluster(tmp_path):
     """Address of a scheduler on the loopback interface; two workers in processes of their own, without a nanny."""
-    pytest.importorskip("distributed")
+    if importlib.util.find_spec("distributed") is None:
+        absent("no Dask: pip install distributed, to run a sweep on a cluster")
     address = tmp_path / "scheduler.json"
     scheduler = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
     worker = ["distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
