@@ -46,6 +46,7 @@ TESTS = {  # in the order in which they are most likely to notice
     "policy_gradient": "test_reinforce",
     "reinforce": "test_reinforce",
     "measure": "test_measure test_td_exact",
+    "sweep": "test_sweep",
 }
 OF_TD = "fixed_point or average_to_state or errors_of or random_walk or share_one or windy or not_met or gymnasium"
 OF_TD += " or in_an_environment or by_episode_or_by_step or never_explores or bits"
@@ -59,6 +60,7 @@ TOO_SLOW = {  # interpreted, these take seconds or a minute each: left out, whic
     "episodes": OF_TD,
     "returns": OF_TRACES,
     "traces": OF_TRACES,
+    "sweep": "cluster",
 }
 SWAPS = {
     ast.Add: [ast.Sub], ast.Sub: [ast.Add], ast.Mult: [ast.Div], ast.Div: [ast.Mult], ast.FloorDiv: [ast.Mult],
