@@ -21,27 +21,14 @@ from pathlib import Path
 
 import numpy as np
 
+from rlcore.figure61 import RANDOM, SETTINGS, TASKS, average, read, scores
 from rlcore.ppo import PPOConfig, ppo
 from rlcore.sweep import sweep
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "book" / "data"
 TABLES = {"tenth": DATA / "figure61_tenth.csv", "full": DATA / "figure61.csv"}
-TASKS = ["HalfCheetah", "Hopper", "InvertedDoublePendulum", "InvertedPendulum", "Reacher", "Swimmer", "Walker2d"]
-SETTINGS = {  # name: what differs from PPOConfig()
-    "none": dict(objective="none"),
-    "clip 0.1": dict(objective="clip", clip=0.1),
-    "clip 0.2": dict(objective="clip", clip=0.2),
-    "clip 0.3": dict(objective="clip", clip=0.3),
-    "adaptive 0.003": dict(objective="kl_adaptive", d_target=0.003),
-    "adaptive 0.01": dict(objective="kl_adaptive", d_target=0.01),
-    "adaptive 0.03": dict(objective="kl_adaptive", d_target=0.03),
-    "fixed 0.3": dict(objective="kl_fixed", beta=0.3),
-    "fixed 1": dict(objective="kl_fixed", beta=1.0),
-    "fixed 3": dict(objective="kl_fixed", beta=3.0),
-    "fixed 10": dict(objective="kl_fixed", beta=10.0),
-}
-RANDOM, POINTS = "random", 10
+POINTS = 10
 COLUMNS = ["task", "setting", "seed", "steps", "episodes", "score", "kl", "largest_kl", "entropy", "beta", "seconds"]
 COLUMNS += [f"return_{i}" for i in range(1, POINTS + 1)]
 
@@ -85,15 +72,6 @@ def _mean(values):
 # ---------------------------------------------------------------------- the table
 
 
-def read(path):
-    """Rows of the table, {column: value}; numbers as numbers, None where there is none."""
-    if not path.exists():
-        return []
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    return [{k: v if k in ("task", "setting") else (float(v) if v else None) for k, v in row.items()} for row in rows]
-
-
 def row(record):
     """A finished run as a row of the table."""
     return record.result | record.setting | dict(seed=record.seed, seconds=record.seconds)
@@ -133,21 +111,6 @@ def _short(value):
     return int(value) if float(value).is_integer() else f"{value:.6g}"
 
 
-def scores(rows):
-    """{setting: {task: [score of each seed]}}, 0 for the random policy and 1 for the best run of the task."""
-    table = {}
-    for task in TASKS:
-        raw = {(r["setting"], r["seed"]): r["score"] for r in rows if r["task"] == task}
-        if all(setting == RANDOM for setting, _ in raw):
-            continue
-        floor = np.mean([v for (setting, _), v in raw.items() if setting == RANDOM])
-        best = max(v for (setting, _), v in raw.items() if setting != RANDOM)
-        for (setting, _), v in raw.items():
-            if setting != RANDOM:
-                table.setdefault(setting, {}).setdefault(task, []).append((v - floor) / (best - floor))
-    return table
-
-
 # ---------------------------------------------------------------------- tiers
 
 
@@ -177,10 +140,10 @@ def main(tier):
 def show(rows):
     table = scores(rows)
     print(f"{'setting':16}{'score':>7}{'runs':>6}   " + " ".join(f"{t[:12]:>12}" for t in TASKS))
-    for setting, by_task in sorted(table.items(), key=lambda kv: -np.mean([np.mean(v) for v in kv[1].values()])):
-        runs = sum(map(len, by_task.values()))
-        cells = " ".join(f"{np.mean(by_task[t]):12.2f}" if t in by_task else f"{'':>12}" for t in TASKS)
-        print(f"{setting:16}{np.mean([np.mean(v) for v in by_task.values()]):7.2f}{runs:6d}   {cells}")
+    for mean, setting, by_task in sorted(zip(average(table), SETTINGS, table), key=lambda line: -line[0]):
+        runs = ~np.isnan(by_task)
+        cells = " ".join(f"{seeds[ran].mean():12.2f}" if ran.any() else " " * 12 for seeds, ran in zip(by_task, runs))
+        print(f"{setting:16}{mean:7.2f}{runs.sum():6d}   {cells}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,156 @@
+"""The slow experiments of chapter 8: PPO on cart-pole and in a maze, and actions cut to their range or not.
+
+    python benchmarks/chapter8.py          what is not done yet, to book/data/chapter8_*.csv: about 25 minutes of one core
+    python benchmarks/chapter8.py table    what the tables hold
+
+Runs are kept in _build/chapter8/, one file each: stop when you like, the same command goes on. `chapter8_runs.csv` has
+a row for each run, `chapter8_curves.csv` one for each setting and rollout, over the seeds; `chapter8_actions.csv` the
+runs on HalfCheetah and Swimmer.
+"""
+
+import argparse
+import csv
+import datetime
+import platform
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+
+from rlcore.envs import MDPEnv, dyna_maze
+from rlcore.figure61 import SETTINGS, read
+from rlcore.ppo import PPOConfig, ppo
+from rlcore.sweep import sweep
+from rlcore.trpo import TRPOConfig, trpo
+
+ROOT = Path(__file__).parents[1]
+DATA, STORE = ROOT / "book" / "data", ROOT / "_build" / "chapter8"
+ROLLOUTS, LAST = 60, 10
+COMMON = dict(hidden=(32,), horizon=512, gamma=0.99, lam=0.95, epochs=10, minibatch=64)
+CART_POLE = (  # name: what differs from the objective clip 0.2 with Adam 3e-3
+    SETTINGS
+    | {f"lr {lr:g}": dict(lr=lr) for lr in (1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 3e-2, 1e-1)}
+    | {f"lr {lr:g}, none": dict(lr=lr, objective="none") for lr in (3e-4, 1e-2, 1e-1)}
+    | {"fixed 1, lr 0.01": dict(objective="kl_fixed", beta=1.0, lr=0.01)}
+    | {"adaptive 0.01 from 100": dict(objective="kl_adaptive", beta=100.0)}
+    | {f"c2 {c2:g}": dict(c2=c2) for c2 in (0.01, 0.1)}
+    | {"shared": dict(shared=True), "shared, c1 0.001": dict(shared=True, c1=0.001), "c1 0.001": dict(c1=0.001)}
+    | {"advantages as they are": dict(normalise_advantages=False), "lam 1": dict(lam=1.0), "lam 0": dict(lam=0.0)}
+    | {"1 epoch": dict(epochs=1), "no minibatches": dict(minibatch=512), "anneal": dict(anneal=True)}
+    | {"observations normalised": dict(normalise_observations=True)}
+)
+MAZE = {f"maze, c2 {c2:g}": dict(c2=c2) for c2 in (0.0, 0.01, 0.1)}
+ACTIONS = [dict(task=task, setting=setting, cut=cut) for task in ("HalfCheetah", "Swimmer")
+           for setting in ("none", "clip 0.2") for cut in (False, True)]  # fmt: skip
+
+
+def cart_pole(setting, rng):
+    if setting == "trpo":
+        return summary(trpo("CartPole-v1", rng=rng, n_steps=n_steps(), config=TRPOConfig(**COMMON)))
+    config = PPOConfig(**COMMON | dict(lr=3e-3) | CART_POLE[setting])
+    return summary(ppo("CartPole-v1", rng=rng, n_steps=n_steps(), config=config))
+
+
+def maze(setting, rng):
+    env = gym.wrappers.TimeLimit(gym.wrappers.FlattenObservation(MDPEnv(dyna_maze())), 60)
+    return summary(ppo(env, rng=rng, n_steps=n_steps(), config=PPOConfig(**COMMON | dict(lr=3e-3) | MAZE[setting])))
+
+
+def actions(task, setting, cut, rng):
+    """As in figure 61, for a tenth of the steps, with actions cut to their range or not."""
+    config = PPOConfig(normalise_observations=True, clip_actions=cut, **SETTINGS[setting])
+    run = ppo(f"{task}-v5", rng=rng, n_steps=100_000, config=config)
+    agent, h = run.policy, run.history
+    return dict(score=run.returns[-100:].mean(), kl=np.median(h.kl), largest_kl=h.kl.max(), entropy=h.entropy[-1],
+                largest_std=float(np.exp(agent.log_std).max()))  # fmt: skip
+
+
+def n_steps():
+    return ROLLOUTS * COMMON["horizon"]
+
+
+def summary(run):
+    """Returns and KL rollout by rollout; a rollout in which no episode ended repeats the one before."""
+    h = run.history[:ROLLOUTS]
+    rollout = np.searchsorted(h.steps, np.cumsum(run.lengths))
+    returns = [run.returns[rollout == i].mean() if (rollout == i).any() else np.nan for i in range(len(h))]
+    for i in np.flatnonzero(np.isnan(returns)):
+        returns[i] = returns[i - 1] if i else 0.0
+    record = dict(final=np.mean(returns[-LAST:]), mean=np.mean(returns), mean_kl=h.kl.mean(), largest_kl=h.kl.max())
+    record |= dict(last_entropy=h.entropy[-1], curve=returns, kl=h.kl, entropy=h.entropy)
+    return record | (dict(beta=h.beta) if "beta" in h.dtype.names else {})
+
+
+def main():
+    DATA.mkdir(exist_ok=True)
+    names = [dict(setting=name) for name in [*CART_POLE, "trpo"]]
+    records = sweep(cart_pole, names, range(8), STORE, progress=True)
+    records += sweep(maze, [dict(setting=name) for name in MAZE], range(16), STORE, progress=True)
+    done = [record for record in records if record.error is None]
+    table = ["setting", "seed", "final", "mean", "mean_kl", "largest_kl", "last_entropy"]
+    write("chapter8_runs.csv", table, [r.result | r.setting | dict(seed=r.seed) for r in done])
+    table = ["setting", "rollout", "low", "mean", "high", "kl", "largest_kl", "entropy", "beta"]
+    write("chapter8_curves.csv", table, curves(done))
+    records = sweep(actions, ACTIONS, range(3), STORE, progress=True)
+    table = ["task", "setting", "cut", "seed", "score", "kl", "largest_kl", "entropy", "largest_std"]
+    rows = [r.result | r.setting | dict(seed=r.seed, cut=int(r.setting["cut"])) for r in records if r.error is None]
+    write("chapter8_actions.csv", table, rows)
+
+
+def curves(records):
+    """A row for each setting and rollout: lowest, mean and highest return of the seeds, median and largest KL, ..."""
+    for name in dict.fromkeys(record.setting["setting"] for record in records):
+        of = [record.result for record in records if record.setting["setting"] == name]
+        for i in range(min(len(result["curve"]) for result in of)):
+            at = {key: np.array([result[key][i] for result in of]) for key in of[0] if isinstance(of[0][key], list)}
+            G, kl = at["curve"], at["kl"]
+            row = dict(
+                setting=name, rollout=i + 1, low=G.min(), mean=G.mean(), high=G.max(), entropy=at["entropy"].mean()
+            )
+            row |= dict(kl=np.median(kl), largest_kl=kl.max())
+            yield row | (dict(beta=np.median(at["beta"])) if "beta" in at else {})
+
+
+def write(name, columns, rows):
+    """A table in book/data/; its first lines say where the numbers come from."""
+    versions = ", ".join(f"{package} {version(package)}" for package in ("numpy", "gymnasium", "mujoco"))
+    with open(DATA / name, "w", newline="", encoding="utf-8") as file:
+        file.write(f"# python benchmarks/chapter8.py, {datetime.date.today()}\n")
+        file.write(f"# Python {platform.python_version()}, {versions}; rng = default_rng(seed)\n")
+        out = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
+        out.writeheader()
+        out.writerows({key: _short(row.get(key)) for key in columns} for row in rows)
+
+
+def _short(value):
+    if value is None or isinstance(value, str):
+        return value or ""
+    return f"{value:.5g}"
+
+
+def show():
+    rows = read(DATA / "chapter8_runs.csv")
+    print(f"{'setting':26}{'final':>7}{'worst':>7}{'mean':>7}{'kl':>9}{'largest':>9}{'runs':>6}")
+    for name in dict.fromkeys(row["setting"] for row in rows):
+        of = [row for row in rows if row["setting"] == name]
+        final, mean, kl, top = (
+            np.array([row[key] for row in of]) for key in ("final", "mean", "mean_kl", "largest_kl")
+        )
+        print(
+            f"{name:26}{final.mean():7.2f}{final.min():7.2f}{mean.mean():7.2f}{kl.mean():9.4f}{top.max():9.3f}{len(of):6}"
+        )
+    for row in read(DATA / "chapter8_actions.csv"):
+        print(*(f"{value:>12.5g}" if isinstance(value, float) else f"{value:>12}" for value in row.values()))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", nargs="?", choices=["run", "table"], default="run")
+    try:
+        if parser.parse_args().what == "run":
+            main()
+        show()
+    except KeyboardInterrupt:
+        sys.exit("stopped; the same command goes on from here")

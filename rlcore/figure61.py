@@ -1,0 +1,127 @@
+"""Figure 61: the published scores, the table of our runs, and how well the two agree (chapter 8)."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import rankdata
+
+from rlcore.mdp import check_count, check_rng
+
+__all__ = [
+    "PUBLISHED", "RANDOM", "SETTINGS", "TASKS", "average", "bootstrap", "by_seed", "rank_correlation", "read", "scores",
+]  # fmt: skip
+
+TASKS = ["HalfCheetah", "Hopper", "InvertedDoublePendulum", "InvertedPendulum", "Reacher", "Swimmer", "Walker2d"]
+SETTINGS = {  # name: what differs from PPOConfig()
+    "none": dict(objective="none"),
+    "clip 0.1": dict(objective="clip", clip=0.1),
+    "clip 0.2": dict(objective="clip", clip=0.2),
+    "clip 0.3": dict(objective="clip", clip=0.3),
+    "adaptive 0.003": dict(objective="kl_adaptive", d_target=0.003),
+    "adaptive 0.01": dict(objective="kl_adaptive", d_target=0.01),
+    "adaptive 0.03": dict(objective="kl_adaptive", d_target=0.03),
+    "fixed 0.3": dict(objective="kl_fixed", beta=0.3),
+    "fixed 1": dict(objective="kl_fixed", beta=1.0),
+    "fixed 3": dict(objective="kl_fixed", beta=3.0),
+    "fixed 10": dict(objective="kl_fixed", beta=10.0),
+}
+# Source: Schulman et al. (2017), table 1, in the order of SETTINGS. table-figure-61
+PUBLISHED = np.array([-0.39, 0.76, 0.82, 0.70, 0.68, 0.74, 0.71, 0.62, 0.71, 0.72, 0.69])
+RANDOM = "random"
+
+
+def read(path):
+    """Rows of a table of runs, [{column: value}]: numbers as float, None where there is none; [] where no file is.
+
+    Lines that begin with # say where the numbers come from.
+    """
+    if not Path(path).exists():
+        return []
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = csv.DictReader(line for line in file if not line.startswith("#"))
+        return [{key: _value(text) for key, text in row.items()} for row in rows]
+
+
+def _value(text):
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text
+
+
+def scores(rows):
+    """Score of every run, (11 settings, 7 tasks, n seeds): 0 for the random policy, 1 for the best run of the task.
+
+    rows: as `read` gives them. NaN where a run is missing, or the task's random policy. fig-61
+    Source: Schulman et al. (2017), section 6.1.
+    """
+    names, n_seeds = [RANDOM, *SETTINGS], 1 + max((int(row["seed"]) for row in rows), default=0)
+    table = np.full((len(names), len(TASKS), n_seeds), np.nan)
+    for row in rows:
+        for column, known in (("setting", names), ("task", TASKS)):
+            if row[column] not in known:
+                raise ValueError(f"{column}: got {row[column]!r}, must be one of {', '.join(known)}")
+        place = names.index(row["setting"]), TASKS.index(row["task"]), int(row["seed"])
+        table[place] = np.nan if row["score"] is None else row["score"]
+    for k in range(len(TASKS)):
+        random, runs = table[0, k], table[1:, k]
+        if np.isnan(random).all() or np.isnan(runs).all():
+            table[:, k] = np.nan
+        else:
+            floor = np.nanmean(random)
+            table[:, k] = (table[:, k] - floor) / (np.nanmax(runs) - floor)
+    return table[1:]
+
+
+def _whole(table):
+    """Which tasks count: those with at least one run of every setting."""
+    return (~np.isnan(table)).any(axis=2).all(axis=0)
+
+
+def average(table):
+    """Mean score of each setting over seeds, then over the tasks that have a run of every setting, (11,). fig-61
+
+    table: (11, 7, n seeds) from `scores`. NaN where no such task is.
+    """
+    whole = table[:, _whole(table)]
+    return np.nanmean(whole, axis=2).mean(axis=1) if whole.size else np.full(len(table), np.nan)
+
+
+def by_seed(table):
+    """Mean score of each setting and seed over the tasks that count, (11, n seeds); NaN where one of its runs lacks."""
+    whole = table[:, _whole(table)]
+    return whole.mean(axis=1) if whole.size else np.full((len(table), table.shape[2]), np.nan)
+
+
+def rank_correlation(x, y):
+    """Spearman's rank correlation of the last axes, equal values sharing their mean rank. fig-61
+
+    x: (..., n). y: (n,). Returns (...): 1 for the same order, -1 for the reverse. Source: Spearman (1904).
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    if y.ndim != 1 or y.size < 2 or x.shape[-1:] != y.shape:
+        raise ValueError(f"x: got shape {x.shape} with y {y.shape}, must be (..., n) and (n,), n at least 2")
+    a, b = (rankdata(values, axis=-1) for values in (x, y))
+    a, b = a - a.mean(axis=-1, keepdims=True), b - b.mean()
+    return (a * b).sum(axis=-1) / np.sqrt((a**2).sum(axis=-1) * (b**2).sum())
+
+
+def bootstrap(table, n, *, rng):
+    """Averages of n tables drawn from this one, (n, 11): its tasks and, within each, the seeds of a setting, with
+    replacement. fig-61
+
+    table: (11, 7, n seeds) from `scores`. Source: Efron and Tibshirani (1993).
+    """
+    n, rng, whole = check_count("n", n), check_rng(rng), table[:, _whole(table)]
+    settings, tasks, seeds = whole.shape
+    if not tasks:
+        raise ValueError("table: got no task with a run of every setting, must have one at least")
+    whole = np.sort(whole, axis=2)  # NaN, the missing runs, last
+    runs = (~np.isnan(whole)).sum(axis=2)  # (11, tasks)
+    drawn = np.zeros((n, settings))
+    for i in range(n):
+        task = (rng.random(tasks) * tasks).astype(int)
+        seed = (rng.random((settings, tasks, seeds)) * runs[:, task, None]).astype(int)
+        drawn[i] = np.take_along_axis(whole[:, task], seed, axis=2).mean(axis=(1, 2))
+    return drawn
