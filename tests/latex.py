@@ -21,8 +21,8 @@ IGNORED = (
     r"|\\(?:wide)?hat(?![a-zA-Z])|&|~"
 )
 TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
-ENDS = (None, "+", "-", "=", "<", ")", "]", "}", "|", ",", r"\}", r"\rVert")
-NAMES = r"\\(?:pi|theta|tau|sigma|mu|delta|output|activation)'*|[a-zA-Z]'*"
+ENDS = (None, "+", "-", "=", "<", r"\le", ")", "]", "}", "|", ",", r"\}", r"\rVert")
+NAMES = r"\\(?:pi|theta|tau|sigma|mu|delta|output|activation|high|low|Delta)'*|[a-zA-Z]'*"
 DOTS = [[r"\dots"], [r"\cdots"], [r"\ldots"], [r"\vdots"], [r"\ddots"]]
 LAYERED = ("a", "b", "w", "z", "delta")  # an exponent of these is the number of a layer
 FUNCTIONS = {r"\ln": np.log, r"\log": np.log, r"\cos": np.cos}
@@ -34,7 +34,7 @@ class Scope:
     sets: {letter: values} over which sums and maxima run. tables: {(name, subscript, number of arguments): array or
     function}; the subscript is "indexed" for a symbol without arguments, a_j^l: its arguments are l and j. rewards:
     R_1 ... R_T of one episode, for the returns. greek: values of alpha and lambda. trajectories: (probability, names)
-    of every episode, for expectations without a condition.
+    of every episode, for expectations; without them, one step of the process.
     """
 
     def __init__(self, sets, tables, rewards=(), gamma=0.9, greek=None, trajectories=()):
@@ -61,7 +61,7 @@ def sides(latex):
     text = re.sub(r"\\[td]?frac\s*(\d)\s*(\d)", r"\\frac{\1}{\2}", text)
     reader = Reader(re.findall(TOKEN, re.sub(r"([a-zA-Z])\s+'", r"\1'", text)))
     found = [reader.expression()]
-    while reader.take("=", "<"):
+    while reader.take("=", "<", r"\le"):
         found.append(reader.expression())
     reader.end()
     return found
@@ -179,9 +179,9 @@ class Reader:
         if token == "e" and self.peek() == "^":
             return lambda scope, names: math.e
         if token == r"\infty":
-            return lambda scope, names: len(scope.rewards)
-        if token == r"\sum":
-            return self.sum()
+            return lambda scope, names: names.get("infinity", len(scope.rewards))
+        if token in (r"\sum", r"\prod"):
+            return self.sum(sum if token == r"\sum" else math.prod)
         if token == r"\arg":
             self.need(r"\max")
             return self.extreme(lambda pairs: max(pairs)[1])
@@ -299,6 +299,8 @@ class Reader:
             args.append(self.expression())
         self.need(")")
         label = token + ("|" + str(bars.index("|")) if "|" in bars else "")
+        if token == "Delta":  # of time t, which a sum runs through
+            args.insert(0, read(below))
         return lambda scope, names: scope.call(label, subscript, [arg(scope, names) for arg in args])
 
     def variable(self, letter):
@@ -332,7 +334,8 @@ class Reader:
 
         def value(scope, names):
             t, h = int(index(scope, names)), int(horizon(scope, names))
-            total = sum(scope.gamma ** (k - t) * scope.rewards[k] for k in range(t, h))
+            paid = [names.get(("R", k), scope.rewards[k - 1]) for k in range(t + 1, min(h, len(scope.rewards)) + 1)]
+            total = sum(scope.gamma**k * r for k, r in enumerate(paid))
             return total + scope.gamma ** (h - t) * rest(scope, names)
 
         return value
@@ -368,27 +371,29 @@ class Reader:
                     )
             else:
                 raise SyntaxError(f"cannot read {self.peek()} under a sum")
-        if any(not re.fullmatch(r"[a-z]'*", name) for name in names):
+        if any(not re.fullmatch(r"[a-z]'*|\\pi|\\theta", name) for name in names):
             raise SyntaxError(f"cannot run over {names}")
         last = self.group() if first is not None and self.need("^") else None
         return names, first, last
 
-    def sum(self):
+    def sum(self, add=sum):
         names, first, last = self.bound()
         body = self.product()
 
         def value(scope, known):
             if first is not None:
                 low, high = first(scope, known), last(scope, known)
-                return sum(body(scope, {**known, names[0]: k}) for k in range(int(low), int(high) + 1))
+                return add(body(scope, {**known, names[0]: k}) for k in range(int(low), int(high) + 1))
             spaces = [scope.sets[name.strip("'")] for name in names]
-            return sum(body(scope, {**known, **dict(zip(names, x))}) for x in itertools.product(*spaces))
+            return add(body(scope, {**known, **dict(zip(names, x))}) for x in itertools.product(*spaces))
 
         return value
 
     def extreme(self, pick):
         names, *_ = self.bound()
         body = self.product()
+        if names[0] in (r"\pi", r"\theta"):  # over policies: a scope for each
+            return lambda scope, known: pick([(body(other, known), i) for i, other in enumerate(scope.sets[names[0]])])
         return lambda scope, known: pick(
             [(body(scope, {**known, names[0]: x}), x) for x in scope.sets[names[0].strip("'")]]
         )
@@ -400,7 +405,9 @@ class Reader:
         """
         policy = self.take("_") and self.need(r"\pi", "{")
         if policy == "{" and self.take(r"\tau"):
-            policy = [self.need(token) for token in (r"\sim", r"\pi", "_", r"\theta", "}")]
+            self.need(r"\sim")
+            while not self.take("}"):
+                self.need(self.peek() or "}")
         elif policy == "{":
             policy = self.need(r"\pi") and self.need("}")
         close = {"[": "]", r"\{": r"\}", "(": ")", "{": "}"}[self.need("[", r"\{", "(", "{")]
@@ -418,6 +425,9 @@ class Reader:
         def value(scope, names):
             base = {"t": 0, **names}
             fixed = {(letter, at(scope, base)): x(scope, base) for letter, at, x in given}
+            if scope.trajectories:
+                paths = [(p, seen) for p, seen in scope.trajectories if all(seen.get(i) == x for i, x in fixed.items())]
+                return sum(p * what(scope, {**base, **seen}) for p, seen in paths) / sum(p for p, _ in paths)
             now = min(at for letter, at in fixed if letter == "S")
             if ("A", now) not in fixed and not policy:
                 raise SyntaxError("an expectation needs an action or a policy")
@@ -510,6 +520,8 @@ def _continued(before, after):
     if after and _counted(before, after[0]):
         terms = [before, DOTS[0], after[0]]
         return lambda scope, names: sum(read(x)(scope, names) for x in _filled(terms, names)[1:-1])
+    before = [x for i, token in enumerate(before) for x in ([token, "^", "1"] if token == r"\gamma"
+              and before[i + 1] != "^" else [token])]  # fmt: skip
     if not before or not any(token.isdigit() for token in before):
         raise SyntaxError("dots without a term to continue")
 
@@ -534,19 +546,21 @@ def _continued(before, after):
 
 
 @cache
-def markdown(page):
-    cells = json.loads((BOOK / f"{page}.ipynb").read_text(encoding="utf-8"))["cells"]
-    return "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+def cells(page, kind):
+    found = json.loads((BOOK / f"{page}.ipynb").read_text(encoding="utf-8"))["cells"]
+    return ["".join(cell["source"]) for cell in found if cell["cell_type"] == kind]
 
 
 @cache
 def displays(page):
     """[(ids, LaTeX)] of every $$ ... $$, in order: its label, eq-7, and the anchors eq-... and om-... before it."""
-    found, end = [], 0
-    for m in re.finditer(r"\$\$(.+?)\$\$(?:[ ]*\(([\w-]+)\))?", markdown(page), re.S):
-        anchors = re.findall(r'<span id="((?:eq|om)-[^"]*)">', markdown(page)[end : m.start()])
-        found.append((anchors + [m[2]] * bool(m[2]), m[1]))
-        end = m.end()
+    found = []
+    for text in cells(page, "markdown"):
+        end = 0
+        for m in re.finditer(r"\$\$(.+?)\$\$(?:[ ]*\(([\w-]+)\))?", text, re.S):
+            anchors = re.findall(r'<span id="((?:eq|om)-[^"]*)">', text[end : m.start()])
+            found.append((anchors + [m[2]] * bool(m[2]), m[1]))
+            end = m.end()
     return found
 
 
@@ -562,12 +576,11 @@ def unnamed(page):
 
 def inline(page, anchor, start):
     """The first $ ... $ after an anchor that begins with `start`."""
-    text = markdown(page).split(f'<span id="{anchor}"></span>')[1]
+    text = "\n\n".join(cells(page, "markdown")).split(f'<span id="{anchor}"></span>')[1]
     return next(m for m in re.findall(r"(?<!\$)\$([^$]+)\$", text) if m.startswith(start))
 
 
 def code(page, start):
     """What stands right of `start` in the code cells."""
-    cells = json.loads((BOOK / f"{page}.ipynb").read_text(encoding="utf-8"))["cells"]
-    text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
-    return next(line.removeprefix(start) for line in text.splitlines() if line.startswith(start))
+    lines = "\n".join(cells(page, "code")).splitlines()
+    return next(line.removeprefix(start) for line in lines if line.startswith(start))

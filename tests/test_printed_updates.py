@@ -16,6 +16,7 @@ from rlcore.traces import (
     backward_increments,
     complex_backup,
     credit,
+    forward_increments,
     lambda_return,
     n_step_return,
     n_step_td,
@@ -29,7 +30,7 @@ T, N, GAMMA, ALPHA, LAM = 6, 3, 0.7, 0.3, 0.6
 PAGES = {
     "04_temporal_difference": ["eq-18", "eq-19", "eq-20", "eq-21", "om-td-error"],
     "05_eligibility_traces": [
-        *(f"eq-{n}" for n in (22, 23, 24, 26, 32, 33, 34, 35, 36, 37, 38, 39, 40, 41)),
+        *(f"eq-{n}" for n in (22, 23, 24, 26, 29, 32, 33, 34, 35, 36, 37, 38, 39, 40, 41)),
         *(f"eq-u-trace-{kind}" for kind in ("accumulating", "dutch", "replacing")),
         "eq-u-complex-example",
     ],
@@ -58,6 +59,7 @@ def scope():
     tables = {
         ("S", "", 1): lambda t: int(t), ("A", "", 1): lambda t: int(actions[int(t)]), ("G", "", 1): G, ("L", "", 1): L,
         ("delta", "indexed", 1): lambda t: delta, ("V", "", 1): V, ("V", "t", 1): V, ("Q", "", 2): Q, ("Q", "t", 2): Q,
+        ("V", "T-1", 1): V, ("Delta", "t", 2): forward_increments(np.arange(T), rewards, V, GAMMA, LAM, ALPHA),
         ("E", "t-1", 1): E[:, 0], ("E", "t", 1): E[:, 0], ("E", "t-1", 2): E, ("E", "t", 2): E,
     }  # fmt: skip
     return Scope({"a": range(2)}, tables, rewards, GAMMA, {r"\alpha": ALPHA, r"\lambda": LAM})
@@ -107,6 +109,8 @@ def expected(name):
         table = Q.copy().reshape(-1)
         credit(table, E.copy().reshape(-1), np.arange(table.size), table.size, ALPHA * delta, 0.5)
         return table.reshape(Q.shape), ("s", "a")
+    if name == "eq-29":
+        return summed.V, ("s",)
     if name.startswith("eq-u-trace"):
         return traced(name.removeprefix("eq-u-trace-")), ("s", "a")
     if name == "eq-34":
@@ -161,6 +165,9 @@ def test_update_on_the_page_is_what_rlcore_does(name):
 BREAKS = {
     "sign": (r"(?<![kt])\s*\+(?!\d|n)", " - "),
     "gamma": (r"\\gamma(?!\^)", ""),
+    "first": (r"t=0", "t=1"),
+    "last": (r"(?<=0\})\^\{T-1\}", "^{T-2}"),
+    "no sum": (r"\\sum_\{t=0\}\^\{T-1\}", ""),
     "alpha": (r"\\alpha", ""),
     "lambda": (r"\\lambda(?!\^)", ""),
     "state": (r"S_\{t\+[12n4]\}", "S_t"),
