@@ -1,6 +1,7 @@
 """Figure 61: the published scores, the table of our runs, and how well the two agree (chapter 8)."""
 
 import csv
+from collections import namedtuple
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ from scipy.stats import rankdata
 from rlcore.mdp import check_count, check_rng
 
 __all__ = [
-    "PUBLISHED", "RANDOM", "SETTINGS", "TASKS", "average", "bootstrap", "by_seed", "rank_correlation", "read", "scores",
+    "PUBLISHED", "RANDOM", "SETTINGS", "TASKS", "Line", "average", "bootstrap", "by_seed", "comparison",
+    "rank_correlation", "read", "scores",
 ]  # fmt: skip
 
 TASKS = ["HalfCheetah", "Hopper", "InvertedDoublePendulum", "InvertedPendulum", "Reacher", "Swimmer", "Walker2d"]
@@ -29,6 +31,7 @@ SETTINGS = {  # name: what differs from PPOConfig()
 # Source: Schulman et al. (2017), table 1, in the order of SETTINGS. table-figure-61
 PUBLISHED = np.array([-0.39, 0.76, 0.82, 0.70, 0.68, 0.74, 0.71, 0.62, 0.71, 0.72, 0.69])
 RANDOM = "random"
+Line = namedtuple("Line", "setting published ours low high runs rank_published rank_ours")
 
 
 def read(path):
@@ -92,6 +95,19 @@ def by_seed(table):
     """Mean score of each setting and seed over the tasks that count, (11, n seeds); NaN where one of its runs lacks."""
     whole = table[:, _whole(table)]
     return whole.mean(axis=1) if whole.size else np.full((len(table), table.shape[2]), np.nan)
+
+
+def comparison(table):
+    """A Line for each setting: published and our score, lowest and highest seed, number of runs, ranks, 1 for the best.
+
+    NaN where runs lack. In the order of SETTINGS. fig-61, ex-ppo-table
+
+    table: (11, 7, n seeds) from `scores`.
+    """
+    ours, seeds, runs = average(table), by_seed(table), (~np.isnan(table)).sum(axis=(1, 2))
+    low, high = np.fmin.reduce(seeds, axis=1), np.fmax.reduce(seeds, axis=1)
+    ranks = rankdata(-PUBLISHED), rankdata(-ours)
+    return [Line(*line) for line in zip(SETTINGS, PUBLISHED, ours, low, high, runs, *ranks)]
 
 
 def rank_correlation(x, y):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from rlcore.figure61 import (  # fmt: skip
+from rlcore.figure61 import (
     PUBLISHED,
     RANDOM,
     SETTINGS,
@@ -12,6 +12,7 @@ from rlcore.figure61 import (  # fmt: skip
     average,
     bootstrap,
     by_seed,
+    comparison,
     rank_correlation,
     read,
     scores,
@@ -96,6 +97,24 @@ def test_averages_are_over_seeds_then_tasks():
     table[:, 0, 1:] = np.nan  # one run in the first task weighs as much as three elsewhere
     expected = (table[:, 0, 0] + table[:, 1:].mean(axis=2).sum(axis=1)) / 7
     np.testing.assert_allclose(average(table), expected)
+
+
+def test_the_comparison_has_both_columns_and_both_ranks():
+    table = scores(rows_of())
+    table[4, 2, 0] = np.nan
+    lines = comparison(table)
+    assert [line.setting for line in lines] == NAMES
+    assert [line.runs for line in lines] == [21, 21, 21, 21, 20, 21, 21, 21, 21, 21, 21]
+    assert [line.rank_ours for line in lines] == list(range(11, 0, -1))
+    best, worst = lines[NAMES.index("clip 0.2")], lines[0]
+    assert (best.published, best.rank_published, worst.published, worst.rank_published) == (0.82, 1, -0.39, 11)
+    assert lines[NAMES.index("fixed 1")].rank_published == lines[NAMES.index("adaptive 0.03")].rank_published == 5.5
+    last = lines[-1]  # seed 0 scores 1, seed 1 scores 0.9, seed 2 scores 0.8
+    np.testing.assert_allclose([last.ours, last.low, last.high], [0.9, 0.8, 1.0])
+    np.testing.assert_allclose([lines[4].low, lines[4].high], [0.2, 0.3])  # its seed 0 lacks a run
+    assert all(
+        np.isnan([line.ours, line.low, line.rank_ours]).all() and line.runs == 0 for line in comparison(scores([]))
+    )
 
 
 def test_rank_correlation_is_spearmans():

@@ -159,3 +159,83 @@ def kl_and_beta(runs, target):
     bottom.set(yscale="log", ylabel="β", xlabel="update")
     top.legend(fontsize=10)
     return fig
+
+
+def clip_term(ratio, unclipped, clipped, at, epsilon, title=""):
+    """One term of the clipped objective against the ratio, and its slope at one ratio. fig-59, fig-60, ex-clip-cases
+
+    ratio, unclipped, clipped: (n,), the two terms of the minimum. at: (ratio, value, slope). Shaded: where the
+    unclipped term is the lower one.
+    """
+    fig, ax = new_figure(height=4.0)
+    low, high = min(unclipped.min(), clipped.min()), max(unclipped.max(), clipped.max())
+    lower = unclipped < clipped - 1e-12
+    ax.fill_between(
+        ratio, low - 0.2, high + 0.2, where=lower, color=GREEN, alpha=0.15, lw=0, label="unclipped is lower"
+    )
+    ax.plot(ratio, unclipped, color=GREY, ls="--", lw=1.4, label="unclipped, r A")
+    ax.plot(ratio, np.minimum(unclipped, clipped), color=BLUE, ls="-", lw=2.6, label="their minimum")
+    r, value, slope = at
+    ends = np.array([r - 0.35, r + 0.35])
+    ax.plot(ends, value + slope * (ends - r), color=RED, ls="-", lw=1.4)
+    ax.plot(r, value, "o", color=RED, label=f"slope {slope:g}: gradient {'on' if slope else 'off'}")
+    for x in (1 - epsilon, 1 + epsilon):
+        ax.axvline(x, color=BLACK, ls=":", lw=0.9)
+    ax.set(
+        xlabel="ratio r", ylabel="one term of L", xlim=(ratio[0], ratio[-1]), ylim=(low - 0.2, high + 0.2), title=title
+    )
+    ax.legend(fontsize=10, loc="upper left" if high > 0 else "lower left")
+    return fig
+
+
+def returns_and_kl(curves, *, top=500, title=""):
+    """Return and KL of each rollout; curves: {label: dict of (n,) low, mean, high, kl, largest_kl of the seeds}. fig-61
+
+    Bands: from the lowest to the highest seed; from the median to the largest KL.
+    """
+    fig, (upper, lower) = new_figure(2, 1, height=5.2, sharex=True)
+    for (label, of), colour, line in zip(curves.items(), (BLUE, RED, GREEN, BLACK), LINES):
+        x = np.arange(1, len(of["mean"]) + 1)
+        band(upper, x, of["mean"], [of["low"], of["high"]], label, color=colour, ls=line)
+        band(lower, x, of["kl"], [of["kl"], of["largest_kl"]], label, color=colour, ls=line)
+    upper.set(ylabel="return", ylim=(0, 1.04 * top), title=title)
+    lower.set(ylabel="KL(old, new)", xlabel="rollout of 512 steps", yscale="log")
+    upper.legend(fontsize=11, loc="lower right")
+    return fig
+
+
+def by_setting(runs, xlabel, *, marks=None, mark_label="", height=4.4, title=""):
+    """Each run as a dot, a row for each setting, means as bars; runs: {label: (n,)}. fig-61, cl-138, cl-143
+
+    marks: one more value for each setting, such as the published one.
+    """
+    fig, ax = new_figure(height=height)
+    y = np.arange(len(runs))[::-1]
+    for row, values in zip(y, runs.values()):
+        values = np.asarray(values)[np.isfinite(values)]
+        ax.plot(values, np.full(len(values), row), "o", color=BLUE, ms=5, alpha=0.45)
+        if len(values):
+            ax.plot([values.mean()] * 2, [row - 0.32, row + 0.32], color=BLUE, ls="-", lw=3)
+    if marks is not None:
+        ax.plot(marks, y, "D", color=RED, ms=6, label=mark_label)
+        ax.legend(fontsize=11)
+    ax.set(xlabel=xlabel, yticks=y, yticklabels=list(runs), ylim=(-0.7, len(runs) - 0.3), title=title)
+    ax.tick_params(axis="y", labelsize=11)
+    return fig
+
+
+def days_of_learning(days, title=""):
+    """How long each amount of experience takes at one rate, on a logarithmic scale; days: {label: number}. ex-dota"""
+    fig, ax = new_figure(height=4.0)
+    y = np.arange(len(days))[::-1]
+    ax.barh(y, list(days.values()), left=1e-6, color=BLUE, height=0.6)
+    for row, value in zip(y, days.values()):
+        span = (f"{value * 1440:,.0f} min", f"{value:,.0f} days", f"{value / 365.25:,.0f} years")
+        text = span[0 if value < 1 else 1 if value < 730 else 2]
+        ax.text(value * 1.4, row, text, va="center", fontsize=11)
+    for value, text in ((1, "day"), (365.25, "year"), (365.25 * 80, "lifetime")):
+        ax.axvline(value, color=GREY, ls=":", lw=1.1)
+        ax.text(value, len(days) - 0.42, text, ha="center", fontsize=10, color=GREY)
+    ax.set(xscale="log", xlim=(1e-6, 1e9), ylim=(-0.6, len(days) - 0.1), xlabel="days", yticks=y)
+    ax.set(yticklabels=list(days), title=title)
+    return fig
