@@ -23,7 +23,11 @@ PAGES = (  # the last equation of each chapter that numbers any
     (41, "05_eligibility_traces"),
 )
 
-PAGES_AGAIN = {"nn": "06_neural_networks", "rf": "07_reinforce"}  # the document numbers from 20 a second time
+PAGES_AGAIN = {  # the document numbers from 20 a second time
+    "nn": "06_neural_networks",
+    "rf": "07_reinforce",
+    "ppo": "08_ppo",
+}
 
 
 def write(chapters, folder):
@@ -101,7 +105,7 @@ def _with_links(text):
         page = PAGES_AGAIN[series] if series else next(page for last, page in PAGES if int(number) <= last)
         return f"[equation ({number})](../{page}.ipynb)"
 
-    return re.sub(r"\{eq\}`eq-(?:(nn|rf)-)?(\d+)`", link, text)
+    return re.sub(r"\{eq\}`eq-(?:(nn|rf|ppo)-)?(\d+)`", link, text)
 
 
 def _folded(exercise):
