@@ -247,7 +247,7 @@ def _plain(name, value):
 def _check_function(function):
     home = sys.modules.get(getattr(function, "__module__", None))
     name = getattr(function, "__qualname__", "")
-    if not callable(function) or getattr(home, name, None) is not function or not hasattr(home, "__file__"):
+    if getattr(home, name, None) is not function or not hasattr(home, "__file__"):
         raise ValueError(f"function: got {function!r}, must be at the top level of a module, for workers to import")
     return name
 
