@@ -574,10 +574,10 @@ def unnamed(page):
     return [latex.strip() for names, latex in displays(page) if not names]
 
 
-def inline(page, anchor, start):
-    """The first $ ... $ after an anchor that begins with `start`."""
+def inline(page, anchor, start, end=""):
+    """The first $ ... $ after an anchor that begins with `start` and ends with `end`."""
     text = "\n\n".join(cells(page, "markdown")).split(f'<span id="{anchor}"></span>')[1]
-    return next(m for m in re.findall(r"(?<!\$)\$([^$]+)\$", text) if m.startswith(start))
+    return next(m for m in re.findall(r"(?<!\$)\$([^$]+)\$", text) if m.startswith(start) and m.endswith(end))
 
 
 def code(page, start):

@@ -26,8 +26,8 @@ from rlcore.nn import (
 
 PAGE = "06_neural_networks"
 SIZES, L, EPSILON = [3, 4, 5, 2], 3, 0.7
-INLINE = {  # key: (anchor, how it begins)
-    "eq-u-bump": ("eq-u-bump", "w_1 = -"),
+INLINE = {  # key: (anchor, how it begins, how it ends)
+    "eq-u-bump": ("eq-u-bump", "w_1 = ", "= h"),
     "alg-backprop z": ("alg-backprop", "z^l"),
     "alg-backprop a": ("alg-backprop", "a^l"),
     "alg-backprop output error": ("alg-backprop", r"\delta^L"),
