@@ -269,11 +269,24 @@ def test_a_result_that_cannot_travel_is_the_failure_of_its_run(tmp_path):
 
 
 def test_there_is_a_process_for_each_core_that_is_ours(monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 5, 6}, raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 5, 6} if process == 0 else {}, raising=False)
     assert module._cores() == 3
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.setattr(os, "cpu_count", lambda: 9)
     assert module._cores() == 9
+
+
+@pytest.mark.parametrize("cores, pools", [(2, 2), (9, 3)])
+def test_no_more_pools_than_cores_and_a_free_one_takes_the_next_run(tmp_path, monkeypatch, cores, pools):
+    write, order, made = module._write, [], []
+    monkeypatch.setattr(module, "_write", lambda path, r: (order.append(r.setting["x"]), write(path, r)))
+    monkeypatch.setattr(module, "_pool", lambda: made.append(ThreadPoolExecutor(1)) or made[-1])
+    monkeypatch.setattr(module, "_cores", lambda: cores)
+    settings = [dict(x=x, log=str(tmp_path), seconds=seconds) for x, seconds in enumerate((0.6, 0.01, 0.1))]
+    sweep(logged, settings, [0], tmp_path / "store")
+    assert order == [1, 2, 0] and len(made) == pools
+    with pytest.raises(RuntimeError, match="shutdown"):
+        made[0].submit(print)
 
 
 def test_each_process_has_one_thread_and_the_rest_of_us_keep_ours(tmp_path, monkeypatch):
