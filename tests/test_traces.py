@@ -777,20 +777,20 @@ def test_compiled_and_interpreted_results_have_the_same_bits():
 
 @pytest.mark.parametrize("learn", ["td_lambda accumulating", "td_lambda dutch", "td_lambda replacing", "true online"])
 def test_v_pi_is_learned(learn):
-    """The mean of V from episode 5000 on. Worst error over 20 seeds 0.18 (0.36 for the last V); V0 is off by 1.8."""
+    """The mean of V from episode 5000 on. Worst error over 20 seeds 0.18; with gamma left out at least 0.88."""
     mdp, pi = prediction_world()
     run = LEARNERS[learn](mdp, rng(), n_episodes=20_000, alpha=0.003)
-    np.testing.assert_allclose(run.history[5000:].mean(axis=0), solve_policy(mdp, pi, GAMMA), atol=0.2)
-    np.testing.assert_allclose(run.V, solve_policy(mdp, pi, GAMMA), atol=0.2)  # with this seed
+    np.testing.assert_allclose(run.history[5000:].mean(axis=0), solve_policy(mdp, pi, GAMMA), atol=0.4)
+    np.testing.assert_array_equal(run.V, run.history[-1])
 
 
 def test_q_pi_of_the_random_policy_is_learned_by_sarsa_lambda():
-    """Error 0.13 with this seed, at worst 0.37 over 20 seeds; the largest value is 5.0."""
+    """The mean of Q from episode 20,000 on. Worst error over 20 seeds 0.11; with gamma left out at least 1.17."""
     mdp, pi = prediction_world()
     q_pi = q_from_v(mdp, solve_policy(mdp, pi, GAMMA), GAMMA)
-    run = sarsa_lambda(mdp, GAMMA, 0.5, 20_000, alpha=0.005, epsilon=1.0, record=0, rng=rng())
+    run = sarsa_lambda(mdp, GAMMA, 0.5, 80_000, alpha=0.005, epsilon=1.0, record=4000, rng=rng())
     used = mdp.legal & ~mdp.terminal[:, None]
-    np.testing.assert_allclose(run.Q[used], q_pi[used], atol=0.35)
+    np.testing.assert_allclose(run.history[5:].mean(axis=0)[used], q_pi[used], atol=0.3)
 
 
 def test_watkins_learns_the_shortest_path():
