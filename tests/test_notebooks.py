@@ -8,7 +8,7 @@ import pytest
 
 BOOK = Path(__file__).parents[1] / "book"
 NOTEBOOKS = sorted(BOOK.glob("*.ipynb"))
-CHAPTERS = [path for path in NOTEBOOKS if re.match(r"\d\d_", path.name)]
+CHAPTERS = [path for path in NOTEBOOKS if re.match(r"0[1-8]_", path.name)]
 
 
 def cells(path, kind):
