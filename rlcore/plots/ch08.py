@@ -228,14 +228,14 @@ def days_of_learning(days, title=""):
     """How long each amount of experience takes at one rate, on a logarithmic scale; days: {label: number}. ex-dota"""
     fig, ax = new_figure(height=4.0)
     y = np.arange(len(days))[::-1]
-    ax.barh(y, list(days.values()), left=1e-6, color=BLUE, height=0.6)
+    ax.barh(y, list(days.values()), left=1e-8, color=BLUE, height=0.6)
+    units = (("years", 365.25, 730), ("days", 1, 2), ("hours", 1 / 24, 1 / 12), ("minutes", 1 / 1440, 1 / 720))
     for row, value in zip(y, days.values()):
-        span = (f"{value * 1440:,.0f} min", f"{value:,.0f} days", f"{value / 365.25:,.0f} years")
-        text = span[0 if value < 1 else 1 if value < 730 else 2]
-        ax.text(value * 1.4, row, text, va="center", fontsize=11)
+        unit, size = next(((unit, size) for unit, size, least in units if value >= least), ("seconds", 1 / 86400))
+        ax.text(value * 1.4, row, f"{float(f'{value / size:.2g}'):,g} {unit}", va="center", fontsize=11)
     for value, text in ((1, "day"), (365.25, "year"), (365.25 * 80, "lifetime")):
         ax.axvline(value, color=GREY, ls=":", lw=1.1)
-        ax.text(value, len(days) - 0.42, text, ha="center", fontsize=10, color=GREY)
-    ax.set(xscale="log", xlim=(1e-6, 1e9), ylim=(-0.6, len(days) - 0.1), xlabel="days", yticks=y)
+        ax.text(value, len(days) - 0.42, f" {text}", ha="left", fontsize=10, color=GREY)
+    ax.set(xscale="log", xlim=(1e-8, 1e9), ylim=(-0.6, len(days) - 0.1), xlabel="days", yticks=y)
     ax.set(yticklabels=list(days), title=title)
     return fig
