@@ -5,7 +5,7 @@ import numpy as np
 from rlcore.compiled import compiled
 from rlcore.experience import FOREVER, act, books, check_max_steps, reset, run_loop, spaces
 from rlcore.mdp import FiniteMDP, check_count, check_gamma, check_rng, discounted_returns, is_number
-from rlcore.nn import MLP, Adam
+from rlcore.nn import MLP, Adam, check_network
 from rlcore.policies import Categorical
 from rlcore.policy_gradient import (
     _add_score,
@@ -326,28 +326,14 @@ def _is_box(world):
 def _networks(env, net, critic, alpha, alpha_w, rng):
     """net and critic, made where None; critic = False: none is wanted."""
     n, A = env.observation_space.shape[0], int(env.action_space.n)
-    net = _network(net, n, A, alpha, rng) if net is None else _check_network("net", net, n, A)
+    net = _network(net, n, A, alpha, rng) if net is None else check_network("net", net, n, A)
     if critic is False:
         return net, None
-    return net, _network(critic, n, 1, alpha_w, rng) if critic is None else _check_network("critic", critic, n, 1)
+    return net, _network(critic, n, 1, alpha_w, rng) if critic is None else check_network("critic", critic, n, 1)
 
 
 def _network(net, n_in, n_out, alpha, rng):
     return MLP([n_in, 32, n_out], optimizer=Adam(_check_step("alpha_w", alpha)), rng=rng)
-
-
-def _check_network(name, net, n_in, n_out):
-    if not all(hasattr(net, part) for part in ("forward", "backward", "step", "theta")):
-        raise ValueError(f"{name}: got {type(net).__name__}, must be an MLP or a TorchNet")
-    if getattr(net, "optimizer", None) is None:
-        raise ValueError(f"{name}: has no optimizer, needs one such as Adam(0.01)")
-    try:
-        shape = np.shape(net.forward(np.zeros((2, n_in))))
-    except Exception as error:
-        raise ValueError(f"{name}: does not take observations of {n_in} numbers ({error})") from None
-    if shape != (2, n_out):
-        raise ValueError(f"{name}: got {shape[-1:]} outputs, must be {n_out}")
-    return net
 
 
 def _linear(world, features, theta0, w0, p_min, max_steps, record):
