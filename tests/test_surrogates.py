@@ -366,6 +366,9 @@ def test_line_search_takes_the_first_step_that_is_good_enough():
     assert len(tried) == 2 + round(np.log2(1 / t))
     demanding, _ = sur.backtracking_line_search(hill, x, 10 * g, 10 * g @ g, c=0.9)
     assert demanding < t
+    for c in (0.2, 0.5, 0.9):
+        good = [k for k in range(30) if hill(x + 10 * 0.5**k * g) >= hill(x) + c * 0.5**k * 10 * g @ g]
+        assert sur.backtracking_line_search(hill, x, 10 * g, 10 * g @ g, c=c)[0] == 0.5 ** good[0]
     assert sur.backtracking_line_search(hill, x, 0.01 * g, 0.01 * g @ g)[0] == 1.0
     assert sur.backtracking_line_search(hill, x, 10 * g, 10 * g @ g, shrink=0.1)[0] in (0.1, 0.01)
 

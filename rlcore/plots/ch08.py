@@ -18,6 +18,7 @@ def log_probability_step(screen, names, before, after, put, title=""):
     left.imshow(screen, cmap="Greys", vmin=0, vmax=1.4)
     left.set(xticks=[], yticks=[], title="screen")
     left.grid(False)
+    left.spines[:].set_visible(True)
     middle.set(xlim=(0, 4), ylim=(0, 4))
     middle.axis("off")
     box(middle, (2, 2), "network", width=2.2, height=1.1, fontsize=12)
@@ -129,9 +130,9 @@ def minorize(theta, performance, bounds, path, title=""):
     ax.plot(path[-1], top, "^", color=BLUE, ms=9, label="its maximum: the next point")
     ax.plot([path[-1]] * 2, [top, np.interp(path[-1], theta, performance)], color=GREY, ls=":", lw=1.2)
     low, high = performance.min(), performance.max()
-    ax.set(xlabel="parameter θ", ylabel="expected return", ylim=(low - 0.5 * (high - low), high + 0.4 * (high - low)))
+    ax.set(xlabel="parameter θ", ylabel="expected return", ylim=(low - 0.5 * (high - low), high + 0.6 * (high - low)))
     ax.set(title=title)
-    ax.legend(fontsize=10, loc="lower center", ncols=2)
+    ax.legend(fontsize=10, loc="upper left")
     return fig
 
 
