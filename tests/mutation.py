@@ -47,11 +47,17 @@ TESTS = {  # in the order in which they are most likely to notice
     "reinforce": "test_reinforce",
     "measure": "test_measure test_td_exact",
     "sweep": "test_sweep",
+    "ppo": "test_ppo test_losses",
+    "trpo": "test_trpo",
+    "rollouts": "test_rollouts test_ppo",
+    "actor_critic": "test_rollouts test_ppo test_losses",
+    "losses": "test_losses",
 }
 OF_TD = "fixed_point or average_to_state or errors_of or random_walk or share_one or windy or not_met or gymnasium"
 OF_TD += " or in_an_environment or by_episode_or_by_step or never_explores or bits"
 OF_TRACES = "walk19 or windy or maze_of or cuts_of or v_pi_is or q_pi_of or shortest_path or same_bits or too_small or"
 OF_TRACES += " reduction_holds or control_is_its_box or watkins_lambda_0"
+OF_PPO = "test_cartpole[ or test_pendulum or inverted or policies_that or beta_of_100 or clipping_keeps"
 TOO_SLOW = {  # interpreted, these take seconds or a minute each: left out, which can only make a mutant survive
     "_solve": "memory or 0.9999 or without_numba or does_not_forget or long_corridor",
     "planning": "real_steps or steps_per_episode or converges_to_the_optimum or behaviour_at_random or bonus or root_n "
@@ -61,6 +67,9 @@ TOO_SLOW = {  # interpreted, these take seconds or a minute each: left out, whic
     "returns": OF_TRACES,
     "traces": OF_TRACES,
     "sweep": "cluster",
+    "ppo": OF_PPO,
+    "rollouts": OF_PPO,
+    "actor_critic": OF_PPO,
 }
 SWAPS = {
     ast.Add: [ast.Sub], ast.Sub: [ast.Add], ast.Mult: [ast.Div], ast.Div: [ast.Mult], ast.FloorDiv: [ast.Mult],
@@ -295,6 +304,8 @@ def work(worker, workers, modules):
     """One of the processes: every workers-th mutant that has no result yet."""
     folder, done, excused = scratch(worker), results(), allowed()
     preload()
+    if any("test_losses" in TESTS[module] or module == "trpo" for module in modules):
+        importlib.import_module("torch")  # seconds for each mutant, if not here
     with open(SCRATCH / "results.jsonl", "a") as out:  # both append whole lines
         for module in modules:
             path, tests, mark = folder / "rlcore" / f"{module}.py", TESTS[module], fingerprint(folder, module)
