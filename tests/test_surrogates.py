@@ -433,6 +433,20 @@ def test_trust_region_ascent_grows_and_shrinks_and_never_falls():
             assert radii[k + 1] == min(expected * radii[k], 2.0)
 
 
+def test_the_radius_stops_growing_at_its_limit():
+    peak = np.array([30.0, 0.0])
+    xs, radii = sur.trust_region_ascent(
+        lambda x: -0.5 * (x - peak) @ (x - peak),
+        lambda x: peak - x,
+        lambda x: -np.eye(2),
+        [0.0, 0.0],
+        8,
+        max_radius=4.0,
+    )
+    assert_allclose(radii, [1, 2, 4, 4, 4, 4, 4, 4, 4])
+    assert_allclose(xs[:, 0], [0, 1, 3, 7, 11, 15, 19, 23, 27])
+
+
 # ---------------------------------------------------------------------- bad input
 
 BAD = {
