@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rlcore.nn import MLP, Adam
-from rlcore.reinforce import reinforce
+from rlcore.figure56 import WINDOW, solved, train
 from rlcore.sweep import sweep
 
 ROOT = Path(__file__).parents[1]
@@ -26,19 +25,14 @@ GRID = [
     dict(hidden=h, lr=lr, gamma=g) for h, lr, g in itertools.product([4, 16, 64], [0.003, 0.01, 0.03], [0.9, 0.99, 1.0])
 ]
 USUAL = dict(hidden=16, lr=0.01, gamma=0.99)
-BLOCK, WINDOW = 20, 100
+EPISODES, BLOCK = 1000, 20
 
 
 def run(baseline, hidden, lr, gamma, rng):
     """Mean length of each 20 episodes, of the last 100, and the first episode of 100 that average 195 (None: never)."""
-    net = MLP([4, hidden, 2], optimizer=Adam(lr), rng=rng)
-    lengths = reinforce(
-        "CartPole-v1", n_episodes=1000, gamma=gamma, baseline=baseline, max_steps=200, net=net, rng=rng
-    ).lengths
-    means = np.convolve(lengths, np.ones(WINDOW) / WINDOW, "valid")
-    solved = np.flatnonzero(means >= 195 - 1e-9)
-    first = int(solved[0]) + 1 if solved.size else None
-    return dict(solved=first, last=means[-1], blocks=lengths.reshape(-1, BLOCK).mean(axis=1), steps=int(lengths.sum()))
+    lengths = train(EPISODES, baseline=baseline, hidden=hidden, lr=lr, gamma=gamma, rng=rng).lengths
+    blocks = lengths.reshape(-1, BLOCK).mean(axis=1)
+    return dict(solved=solved(lengths), last=lengths[-WINDOW:].mean(), blocks=blocks, steps=int(lengths.sum()))
 
 
 def main():

@@ -1,13 +1,12 @@
 """Figure 61: the published scores, the table of our runs, and how well the two agree (chapter 8)."""
 
-import csv
 from collections import namedtuple
-from pathlib import Path
 
 import numpy as np
 from scipy.stats import rankdata
 
 from rlcore.mdp import check_count, check_rng
+from rlcore.tables import read
 
 __all__ = [
     "PUBLISHED", "RANDOM", "SETTINGS", "TASKS", "Line", "average", "bootstrap", "by_seed", "comparison",
@@ -32,25 +31,6 @@ SETTINGS = {  # name: what differs from PPOConfig()
 PUBLISHED = np.array([-0.39, 0.76, 0.82, 0.70, 0.68, 0.74, 0.71, 0.62, 0.71, 0.72, 0.69])
 RANDOM = "random"
 Line = namedtuple("Line", "setting published ours low high runs rank_published rank_ours")
-
-
-def read(path):
-    """Rows of a table of runs, [{column: value}]: numbers as float, None where there is none; [] where no file is.
-
-    Lines that begin with # say where the numbers come from.
-    """
-    if not Path(path).exists():
-        return []
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = csv.DictReader(line for line in file if not line.startswith("#"))
-        return [{key: _value(text) for key, text in row.items()} for row in rows]
-
-
-def _value(text):
-    try:
-        return float(text) if text else None
-    except ValueError:
-        return text
 
 
 def scores(rows):

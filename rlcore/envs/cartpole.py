@@ -4,7 +4,7 @@ import numpy as np
 
 from rlcore.mdp import check_count
 
-__all__ = ["balance", "cartpole_start", "cartpole_step", "cartpole_transitions", "cartpole_upright"]
+__all__ = ["balance", "cartpole_start", "cartpole_step", "cartpole_transitions", "cartpole_upright", "steps_upright"]
 
 GRAVITY, CART, POLE, HALF_LENGTH, FORCE, TAU = 9.8, 1.0, 0.1, 0.5, 10.0, 0.02
 MAX_X, MAX_ANGLE = 2.4, 12 * 2 * np.pi / 360
@@ -57,3 +57,23 @@ def balance(choose, n_steps=200, *, rng):
         x = cartpole_step(x, choose(x))
         t += 1
     return t
+
+
+def steps_upright(choose, x, n_steps):
+    """Steps (n,), at most n_steps, before the pole falls from each first state x (n, 4). cl-114
+
+    choose(x) picks the pushes (m,) of the m states (m, 4) that are still upright.
+    """
+    n_steps, x = check_count("n_steps", n_steps), np.asarray(x, float)
+    if x.ndim != 2 or x.shape[1] != 4:
+        raise ValueError(f"x: got shape {x.shape}, must be (n, 4)")
+    steps, left = np.zeros(len(x), int), np.flatnonzero(cartpole_upright(x))
+    x = x[left]
+    for _ in range(n_steps):
+        if not left.size:
+            break
+        x = cartpole_step(x, choose(x))
+        steps[left] += 1
+        up = cartpole_upright(x)
+        x, left = x[up], left[up]
+    return steps

@@ -104,15 +104,15 @@ def bluff_paths(paths):
     return fig
 
 
-def steps_balanced(lengths, *, solved=195):
-    """Steps of each episode on the pole, one thin line a seed and their mean; lengths: {label: list of (n,)}. fig-56"""
+def steps_balanced(blocks, *, block=20, solved=195, title=""):
+    """Steps on the pole, mean over seeds and the middle half of them; blocks: {label: (seeds, blocks)}, mean length of
+    each `block` episodes. fig-56
+    """
     fig, ax = new_figure(height=4.0)
-    for (label, runs), colour in zip(lengths.items(), (BLUE, RED, GREEN)):
-        n = min(len(run) for run in runs)
-        smooth = np.array([np.convolve(run[:n], np.ones(10) / 10, "valid") for run in runs])
-        band(ax, np.arange(smooth.shape[1]) + 10, smooth.mean(axis=0), np.percentile(smooth, [25, 75], axis=0), label,
-             color=colour)  # fmt: skip
+    for (label, runs), colour in zip(blocks.items(), (BLUE, RED, GREEN)):
+        episode = block * (np.arange(runs.shape[1]) + 1)
+        band(ax, episode, runs.mean(axis=0), np.percentile(runs, [25, 75], axis=0), label, color=colour)
     ax.axhline(solved, color=GREY, ls="--", lw=1.2, label=f"solved: {solved}")
-    ax.set(xlabel="episode", ylabel="steps, mean of 10 episodes", ylim=(0, 210))
-    ax.legend()
+    ax.set(xlabel="episode", ylabel=f"steps, mean of {block} episodes", ylim=(0, 210), title=title)
+    ax.legend(loc="lower right")
     return fig
