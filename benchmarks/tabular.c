@@ -1,7 +1,8 @@
 /* The loops of rlcore.td, rlcore.traces and rlcore.planning in C, on the same outcome tables, with the same draws.
 
-With PCG64 they continue the stream of a numpy Generator, so that they return the same bits; with XOSHIRO (256+) they
-draw more quickly. Compiled by tabular.py. */
+With PCG64 they continue the stream of a numpy Generator, so that they return the same bits; with NUMPY they ask that
+Generator itself for each number, as compiled Python does; with XOSHIRO (256+) they draw more quickly. Compiled by
+tabular.py. */
 
 #include <stdint.h>
 #include <string.h>
@@ -24,6 +25,10 @@ static inline double uniform(Rng *g) {
     s[3] = s[3] << 45 | s[3] >> 19;
     return (result >> 11) * 0x1p-53;
 }
+#elif defined NUMPY
+typedef struct { void *state; double (*next)(void *); } Rng;
+static Rng seeded(const Task *t) { return (Rng){(void *)t->rng[0], (double (*)(void *))t->rng[1]}; }
+static inline double uniform(Rng *g) { return g->next(g->state); }
 #else
 typedef struct { unsigned __int128 state, inc; } Rng;
 static Rng seeded(const Task *t) {

@@ -6,8 +6,9 @@
 
 Every job is a process of its own with one thread (a second one where numba is switched off): each implementation learns
 once for compilers and caches, then all take turns, five times; the least CPU time counts. The loops in tabular.c use
-the outcome tables of rlcore and are compiled on the spot. With numpy's PCG64 they must return rlcore's values to the
-last bit; with xoshiro256+, which is quicker, only the number of steps can be compared.
+the outcome tables of rlcore and are compiled on the spot. With numpy's PCG64, their own or numpy's own through its
+pointer, they must return rlcore's values to the last bit; with xoshiro256+, which is quicker, only the number of steps
+can be compared.
 """
 
 import argparse
@@ -136,7 +137,9 @@ def library(generator):
     """tabular.c compiled for this processor; products and sums stay apart where the bits are compared."""
     BUILD.mkdir(parents=True, exist_ok=True)
     path = BUILD / f"tabular_{generator}.so"
-    options = ["-DXOSHIRO"] if generator == "xoshiro" else ["-ffp-contract=off"]
+    options = {"xoshiro": ["-DXOSHIRO"], "numpy": ["-DNUMPY", "-ffp-contract=off"]}.get(
+        generator, ["-ffp-contract=off"]
+    )
     command = ["cc", "-O3", "-march=native", "-shared", "-fPIC", *options, "-o", path, HERE / "tabular.c"]
     subprocess.run(command, check=True)
     return ctypes.CDLL(str(path))
@@ -155,9 +158,15 @@ def in_c(generator):
             task = Task(S=S, A=A, K=K, n_episodes=n_episodes, max_steps=MAX_STEPS, **settings)
             for name, table in tables.items():
                 setattr(task, name, table.ctypes.data)
-            state = np.random.default_rng(0).bit_generator.state["state"]
-            words = [state[name] >> shift & 2**64 - 1 for name in ("state", "inc") for shift in (64, 0)]
-            task.rng[:] = words
+            source = np.random.default_rng(0).bit_generator
+            if generator == "numpy":
+                task.rng[:2] = (
+                    source.ctypes.state_address,
+                    ctypes.cast(source.ctypes.next_double, ctypes.c_void_p).value,
+                )
+            else:
+                state = source.state["state"]
+                task.rng[:] = [state[name] >> shift & 2**64 - 1 for name in ("state", "inc") for shift in (64, 0)]
             values = np.zeros(S if world == "walk" else (S, A))
             steps = function(ctypes.byref(task), values.ctypes.data_as(ctypes.c_void_p))
             return steps, values
@@ -291,6 +300,7 @@ def book_loop(method, world, settings):
 
 IMPLEMENTATIONS = {
     "rlcore": ours,
+    "C numpy": in_c("numpy"),
     "C pcg64": in_c("pcg64"),
     "C xoshiro": in_c("xoshiro"),
     "gymnasium loop": gymnasium_loop,
@@ -298,7 +308,7 @@ IMPLEMENTATIONS = {
     "textbook loop": book_loop,
     "rlcore interpreted": ours,
 }
-COMPILED = ("rlcore", "C pcg64", "C xoshiro")
+COMPILED = ("rlcore", "C numpy", "C pcg64", "C xoshiro")
 
 # ---------------------------------------------------------------------- measuring
 
@@ -324,7 +334,7 @@ def measure(job, names):
         values = row.pop("values")
         if name == "rlcore":
             expected = values
-        elif name == "C pcg64":
+        elif name in ("C numpy", "C pcg64"):
             row["difference"] = float(np.abs(values - expected).max())
     print(json.dumps(found))
 
@@ -406,9 +416,11 @@ def show(rows):
             ratios.append((job, rate))
         if rows.get((job, "C pcg64"), {}).get("status", "ok") != "ok":
             print(f"{'':18} C pcg64 differs by {rows[job, 'C pcg64']['difference']}")
-    print(f"\n{'rlcore /':18}{'C pcg64 (0.5)':>20}{'C xoshiro (0.5)':>20}{'gymnasium (200)':>20}{'env.step':>20}")
+    print(f"\n{'rlcore /':18}" + "".join(f"{name:>20}" for name in names[1:6]))
     for job, rate in ratios:
-        print(f"{job:18}" + "".join(f"{rate['rlcore'] / rate[name]:20.2f}" for name in names[1:5]))
+        print(
+            f"{job:18}" + "".join(f"{rate['rlcore'] / rate[n]:20.2f}" if n in rate else f"{'':20}" for n in names[1:6])
+        )
     print(f"\n{'interpreted /':18}{'gymnasium loop':>20}{'textbook loop (3)':>20}")
     for job, rate in ratios:
         peers = [

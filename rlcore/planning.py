@@ -176,7 +176,9 @@ def _dyna_q(world, later, change_at, gamma, n_episodes, n_planning, alpha, epsil
             a = epsilon_greedy(Q, s, epsilon, rng)
             s_next, r = step(world if now < change_at else later, s, a, rng)
             Q[s, a] += alpha * (r + gamma * max_value(Q, s_next) - Q[s, a])  # eq-21
-            _remember(memory, Q, s, a, r, s_next, now, kappa > 0)
+            if memory.next_state[s, a] < 0:  # asked here, not inside: calls with many arrays cost 40 ns
+                _remember(memory, Q, s, a, kappa > 0)
+            memory.next_state[s, a], memory.reward[s, a], memory.last[s, a] = s_next, r, now
             now += 1
             for _ in range(n_planning):
                 i = memory.states[int(rng.random() * memory.n_states[0])]
@@ -201,7 +203,7 @@ def _memory(S, A):
 
 
 @compiled
-def _remember(memory, Q, s, a, r, s_next, now, untried):
+def _remember(memory, Q, s, a, untried):
     if memory.n_actions[s] == 0:
         memory.states[memory.n_states[0]] = s
         memory.n_states[0] += 1
@@ -210,7 +212,6 @@ def _remember(memory, Q, s, a, r, s_next, now, untried):
             memory.next_state[s, b] = s
             memory.actions[s, memory.n_actions[s]] = b
             memory.n_actions[s] += 1
-    memory.next_state[s, a], memory.reward[s, a], memory.last[s, a] = s_next, r, now
 
 
 def replay(data, n_states, n_actions, gamma, *, alpha, Q0=0.0):
