@@ -35,7 +35,7 @@ class TRPOConfig(Settings):
         check_positive("delta", self.delta), self._check_weights("damping")
         for name in ("cg_steps", "backtracks"):
             check_count(name, getattr(self, name))
-        if not 0 < check_positive("shrink", self.shrink) < 1:
+        if not check_positive("shrink", self.shrink) < 1:
             raise ValueError(f"shrink: got {self.shrink!r}, must be above 0 and below 1")
 
 

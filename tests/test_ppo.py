@@ -380,6 +380,7 @@ def net(*sizes, optimizer=True):
         (call("FrozenLake-v1"), "world: got observations"),
         (call(Counter(), config=PPOConfig(n_envs=2)), "n_envs: got 2 with one environment"),
         (call(rng=1), "rng: got 1"),
+        (call(rng=1, net=net(4, 2), critic=net(4, 1)), "rng: got 1"),
         (call(n_steps=0), "n_steps: got 0"),
         (call(n_steps=1e400), "n_steps: got inf"),
         (call(config={}), "config: got dict, must be a PPOConfig"),

@@ -11,7 +11,7 @@ from rlcore.actor_critic import ActorCritic
 from rlcore.nn import MLP, SGD, Adam, TorchNet
 from rlcore.ppo import PPOConfig
 from rlcore.rollouts import learning_data, rollouts, vector_env
-from rlcore.trpo import TRPOConfig, conjugate_gradient, fisher_vector_product, trpo, trpo_step
+from rlcore.trpo import TRPOConfig, _surrogate_gradient, conjugate_gradient, fisher_vector_product, trpo, trpo_step
 
 DISCRETE = pytest.mark.parametrize("discrete", [True, False])
 
@@ -166,6 +166,7 @@ def test_the_step_is_the_natural_gradient_cut_until_it_is_good(discrete):
         direction, H, g = natural_direction(agent, x, actions, A, 0.005)
         step, theta = np.sqrt(2 * delta / (direction @ H @ direction)) * direction, parameters(agent)
         old = agent.forward(x)[0]
+        np.testing.assert_allclose(_surrogate_gradient(agent, old, actions, A), g, atol=1e-14)
         kl, improvement, k = trpo_step(agent, x, actions, A, config)
         cut.add(k)
         np.testing.assert_allclose(parameters(agent), theta + 0.6**k * step, rtol=0, atol=3e-3 * abs(step).max())
@@ -211,6 +212,14 @@ def test_a_step_that_is_never_good_enough_is_given_up(discrete):
     np.testing.assert_array_equal(parameters(agent), theta)
     assert trpo_step(agent, x, actions, A, TRPOConfig())[0] > 0
     np.testing.assert_array_equal(agent.critic.theta, critic)
+
+
+@DISCRETE
+def test_a_step_too_small_for_the_precision_is_no_improvement(discrete):
+    agent = make_small(discrete, np.float32)
+    x, actions, A, _ = samples(agent)
+    assert trpo_step(agent, x, actions, A, TRPOConfig(delta=1e-30, backtracks=2)) == (0.0, 0.0, 2)
+    assert [type(part) for part in trpo_step(agent, x, actions, A, TRPOConfig())] == [float, float, int]
 
 
 # ---------------------------------------------------------------------- a run
@@ -309,6 +318,9 @@ def test_on_episode_hears_of_each_and_may_stop():
         (lambda: TRPOConfig(shrink=0.0), "shrink: got 0.0"),
         (lambda: TRPOConfig(gamma=-1), "gamma: got -1"),
         (lambda: trpo("CartPole-v1", rng=0, n_steps=10), "rng: got 0"),
+        (lambda: trpo("CartPole-v1", rng=0, n_steps=10, net=MLP([4, 2], optimizer=SGD(1), rng=rng()),
+                      critic=MLP([4, 1], optimizer=SGD(1), rng=rng())), "rng: got 0"),
+        (lambda: trpo(Counter(), rng=rng(), n_steps=10, config=TRPOConfig(n_envs=2)), "n_envs: got 2 with one"),
         (lambda: trpo("CartPole-v1", rng=rng(), n_steps=0), "n_steps: got 0"),
         (lambda: trpo("CartPole-v1", rng=rng(), n_steps=10, config=PPOConfig()), "config: got PPOConfig, must be"),
         (lambda: trpo("CartPole-v1", rng=rng(), n_steps=10, config={}), "config: got dict"),
