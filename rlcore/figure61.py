@@ -3,7 +3,6 @@
 from collections import namedtuple
 
 import numpy as np
-from scipy.stats import rankdata
 
 from rlcore.mdp import check_count, check_rng
 from rlcore.tables import read
@@ -86,7 +85,7 @@ def comparison(table):
     """
     ours, seeds, runs = average(table), by_seed(table), (~np.isnan(table)).sum(axis=(1, 2))
     low, high = np.fmin.reduce(seeds, axis=1), np.fmax.reduce(seeds, axis=1)
-    ranks = rankdata(-PUBLISHED), rankdata(-ours)
+    ranks = _ranks(-PUBLISHED), _ranks(-ours) if np.isfinite(ours).all() else ours
     return [Line(*line) for line in zip(SETTINGS, PUBLISHED, ours, low, high, runs, *ranks)]
 
 
@@ -98,9 +97,15 @@ def rank_correlation(x, y):
     x, y = np.asarray(x, float), np.asarray(y, float)
     if y.ndim != 1 or y.size < 2 or x.shape[-1:] != y.shape:
         raise ValueError(f"x: got shape {x.shape} with y {y.shape}, must be (..., n) and (n,), n at least 2")
-    a, b = (rankdata(values, axis=-1) for values in (x, y))
+    a, b = _ranks(x), _ranks(y)
     a, b = a - a.mean(axis=-1, keepdims=True), b - b.mean()
     return (a * b).sum(axis=-1) / np.sqrt((a**2).sum(axis=-1) * (b**2).sum())
+
+
+def _ranks(x):
+    """Ranks along the last axis, 1 for the least; equal values share their mean rank."""
+    below, upto = x[..., None, :] < x[..., None], x[..., None, :] <= x[..., None]
+    return (below.sum(axis=-1) + upto.sum(axis=-1) + 1) / 2
 
 
 def bootstrap(table, n, *, rng):
