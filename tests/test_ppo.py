@@ -290,6 +290,16 @@ def test_what_is_recorded_of_ratios(objective):
         "CartPole-v1", rng=rng(1), n_steps=1500, config=PPOConfig(objective=objective, **QUICK | dict(lr=1e-2))
     ).history
     assert (h.largest_ratio > 1).all() and (h.outside > 0).any() and (h.outside < 1).all()
+    if objective != "kl_adaptive":
+        assert (h.beta == 1).all()
+
+
+def test_each_update_adapts_the_next_beta():
+    config = PPOConfig(objective="kl_adaptive", beta=20.0, d_target=0.003, **QUICK | dict(lr=1e-2))
+    h = ppo("CartPole-v1", rng=rng(1), n_steps=2500, config=config).history
+    factors = [0.5 if kl < 0.002 else 2.0 if kl > 0.0045 else 1.0 for kl in h.kl[:-1]]
+    np.testing.assert_array_equal(h.beta[1:], h.beta[:-1] * factors)
+    assert h.beta[0] == 20 and {0.5, 2.0} <= set(factors)
 
 
 # ---------------------------------------------------------------------- learning
