@@ -91,6 +91,8 @@ def test_training_stops_when_it_is_solved():
     run = train(500, stop=True, rng=rng(4))
     assert solved(run.lengths) == run.lengths.size - WINDOW + 1 < 300  # 38 where the table was made; its slowest 160
     assert run.lengths.max() == 200 and run.policy.forward(np.zeros((3, 4), np.float32)).shape == (3, 2)
+    on = train(run.lengths.size + 1, rng=rng(4))
+    np.testing.assert_array_equal(on.lengths[:-1], run.lengths)
     with pytest.raises(ValueError, match="^rng: got None"):
         train(1, rng=None)
 
