@@ -396,6 +396,18 @@ def test_new_networks_fit_the_spaces_and_start_near_an_even_policy(continuous, s
     assert all(o.lr == 0.5 for o in optimizers) and agent.normaliser is None
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("continuous", [False, True])
+def test_what_the_agent_sees_has_the_precision_of_its_network(continuous, dtype):
+    env, net = vector_env(Counter(continuous=continuous)), MLP([2, 3, A], optimizer=Adam(), dtype=dtype, rng=rng())
+    plain = make_agent(env, Settings(), net, None, rng(1))
+    scaled = make_agent(env, Settings(normalise_observations=True), net, None, rng(1))
+    assert plain.normaliser is None and scaled.normaliser.mean.dtype == scaled.normaliser.scale.dtype == dtype
+    for agent in (plain, scaled):
+        assert agent.see([[1, 2]]).dtype == dtype
+    np.testing.assert_array_equal(scaled.see([[1, 9]]), [[1, 5]])
+
+
 @pytest.mark.parametrize("torch_net", [False, True])
 @pytest.mark.parametrize("shared", [False, True])
 @pytest.mark.parametrize("discrete", [True, False])
