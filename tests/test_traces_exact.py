@@ -468,3 +468,23 @@ def test_episodes_that_do_not_fit(rewards, values, message):
 def test_weights_that_do_not_fit(weights):
     with pytest.raises(ValueError, match="^weights: "):
         complex_backup([1.0], [1.0], 0.5, weights)
+
+
+def test_cuts_beyond_the_first_128():
+    """The array of cuts grows: the cuts of 300 episodes begin with those of 30, and each lies within its episode."""
+    outcomes = {(0, 0): [(0.9, 0, 1.0), (0.1, 1, 0.0)], (0, 1): [(0.9, 0, 0.0), (0.1, 1, 0.0)]}
+    mdp = FiniteMDP.from_outcomes(outcomes)
+    few, many = (watkins_q_lambda(mdp, 0.9, 0.5, n, alpha=0.5, epsilon=0.4, rng=rng(0)) for n in (30, 300))
+    assert few.cuts.size < 128 < many.cuts.size and many.cuts.min() >= 1
+    np.testing.assert_array_equal(many.cuts[: few.cuts.size], few.cuts)
+    assert many.cuts.sum() <= many.lengths.sum()
+
+
+def test_one_wrong_number_among_right_ones_is_refused():
+    with pytest.raises(ValueError, match="visited: got .*must be 0 or 1"):
+        trace_update([0.5, 0.5], [0, 2], 0.9, "accumulating")
+    with pytest.raises(ValueError, match=r"visits: got .*must be times in 0\.\.3"):
+        trace_course([1, 4], 4, 0.9, "accumulating")
+    for alpha in (0, 1.5, None):
+        with pytest.raises(ValueError, match="alpha"):
+            trace_update(0.5, 1, 0.9, "dutch as printed", alpha)
