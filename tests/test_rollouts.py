@@ -320,6 +320,9 @@ def test_normaliser_is_mean_and_deviation_of_all_that_was_seen():
     np.testing.assert_array_equal(x, seen[:5])
     far = normaliser(seen.mean(axis=0) + np.array([100.0, 0, 0, -100]))
     np.testing.assert_allclose(far[[0, 3]], [5, -5])
+    sums = Normaliser(4, dtype=np.float64)
+    sums.update(seen.astype(np.float32))
+    np.testing.assert_allclose(sums.mean, seen.astype(np.float32).mean(axis=0, dtype=float), rtol=1e-12)
     half = Normaliser(4)
     half.update(parts[2])
     assert half(parts[2].astype(np.float32)).dtype == half.mean.dtype == half.scale.dtype == np.float32
