@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 RESULTS = Path(__file__).parent / "results"
-PACKAGES = "numpy", "gymnasium", "mujoco", "torch", "stable-baselines3"
+PACKAGES = "numpy", "gymnasium", "mujoco", "torch", "stable-baselines3", "sb3-contrib"
 
 
 class Solved:
