@@ -45,6 +45,8 @@ def main():
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first", type=int, default=1000)
     options = parser.parse_args()
+    import sb3_contrib  # noqa: F401
+
     jobs = {
         "CartPole rlcore": lambda s: ours(OWN, s),
         "CartPole rlcore, zoo settings": lambda s: ours(ZOO, s),
