@@ -27,7 +27,7 @@ def batch_mc(episodes, n_states, gamma, *, unvisited=0.0, alpha=None, tol=1e-10,
     up alpha (G - V(s)) over all visits before V changes, from `unvisited` on until no V(s) changes by tol.
     Raises ValueError where the sweeps diverge. Source: Sutton and Barto (2018), section 6.3.
     """
-    batch, gamma, unvisited = _pool(episodes, n_states), check_gamma(gamma), float(as_floats("unvisited", unvisited))
+    batch, gamma, unvisited = _pool(episodes, n_states), check_gamma(gamma), _check_unvisited(unvisited)
     G = np.concatenate([discounted_returns(rewards, gamma) for rewards in batch.rewards])
     V0 = np.where(batch.terminal, 0.0, unvisited)
     if alpha is None:
@@ -63,12 +63,18 @@ def certainty_equivalence(episodes, n_states, gamma, *, unvisited=0.0, each=Fals
 
     episodes, unvisited, each: as for `batch_mc`. Source: Sutton and Barto (2018), section 6.3.
     """
-    batch, gamma, unvisited = _pool(episodes, n_states), check_gamma(gamma), float(as_floats("unvisited", unvisited))
+    batch, gamma, unvisited = _pool(episodes, n_states), check_gamma(gamma), _check_unvisited(unvisited)
     N, total = _sums(batch, 1.0, each), _sums(batch, batch.r, each)
     P = _sums(batch, 1.0, each, to=batch.s_next) / np.maximum(N, 1)[:, :, None]
     r = np.where(N > 0, total / np.maximum(N, 1), np.where(batch.terminal, 0.0, unvisited))
     V = np.linalg.solve(np.eye(r.shape[1]) - gamma * P, r[:, :, None])[:, :, 0]  # eq-12
     return V if each else V[0]
+
+
+def _check_unvisited(value):
+    if not is_number(value) or not np.isfinite(value):
+        raise ValueError(f"unvisited: got {value!r}, must be a finite number")
+    return float(value)
 
 
 # Steps of all episodes in a row, (n,) each, with the number of their episode; rewards by episode; terminal (S,)

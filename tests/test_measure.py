@@ -53,6 +53,13 @@ def test_first_updates_follow_each_other(method):
         assert row.new == row.old + 0.5 * (r + best - row.old)
         Q[row.s, row.a] = row.new
     assert rows[0].s == 36 and rows[-1].s_next == -1
+    assert [type(x) for x in rows[0]] == [int, int, int, float, float]
+
+
+def test_first_updates_where_an_action_is_not_legal():
+    robot = recycling_robot()
+    [row] = first_updates(sarsa, robot, 0.9, 1, alpha=0.5, epsilon=0.1, rng=np.random.default_rng(1))
+    assert robot.legal[row.s, row.a] and row.old == 0.0 and row.new == 0.5 * robot.reward[row.s, row.a, 0]
 
 
 @pytest.mark.parametrize("epsilon, value", [(0.1, -20.71), (0.05, -17.519231855902312), (0.01, -15.44081065987908)])

@@ -369,7 +369,8 @@ PAIRS = [([0, 1, 0, 2], [1.0, 2.0, 4.0]), ([1, 0, 2], [6.0, 16.0])]
 def test_batch_mc_by_hand():
     """State 0: G = 3, 4, 16; state 1: 4, 14. State 2 ends; 3 is not met."""
     close(batch_mc(PAIRS, 4, GAMMA, unvisited=5.0), [23 / 3, 9, 0, 5])
-    close(batch_mc(PAIRS, 4, GAMMA), [23 / 3, 9, 0, 0])
+    with np.errstate(all="raise"):
+        close(batch_mc(PAIRS, 4, GAMMA), [23 / 3, 9, 0, 0])
     close(batch_mc(PAIRS, 4, GAMMA, unvisited=5.0, each=True), [[3.5, 4, 0, 5], [23 / 3, 9, 0, 5]])
     V = batch_mc(PAIRS, 4, GAMMA, unvisited=5.0, alpha=0.1, tol=10.0, max_sweeps=1)  # 5 + 0.1 sum of (G - 5)
     close(V, [5 + 0.1 * (23 - 15), 5 + 0.1 * (18 - 10), 0, 5])
@@ -380,6 +381,7 @@ def test_batch_td_by_hand():
     V = batch_td(PAIRS, 4, GAMMA, alpha=0.1, V0=[2.0, 8.0, 9.0, 3.0], tol=10.0, max_sweeps=1)
     close(V, [2 + 0.1 * (1 + 4 + 4 + 16 - 6), 8 + 0.1 * (2 + 1 + 6 + 1 - 16), 0, 3])
     close(batch_td(PAIRS, 4, GAMMA, alpha=0.1, tol=10.0, max_sweeps=1), [2.1, 0.8, 0, 0])
+    close(batch_td(PAIRS, 4, GAMMA, tol=10.0, max_sweeps=1), [0.021, 0.008, 0, 0])  # alpha = 0.001 where none is given
 
 
 def test_sweeps_stop_below_the_tolerance():
@@ -390,8 +392,10 @@ def test_sweeps_stop_below_the_tolerance():
             close(estimate(one, 2, 1.0, alpha=0.5, tol=tol, max_sweeps=4), [V, 0])
             with pytest.raises(ValueError, match="^max_sweeps: got 2, V still changes by 0.25"):
                 estimate(one, 2, 1.0, alpha=0.5, tol=tol, max_sweeps=2)
-    with pytest.raises(ValueError, match="^tol: got 0"):
-        batch_td(one, 2, 1.0, tol=0)
+    assert batch_td(one, 2, 1.0, alpha=0.5)[0] == 1 - 2.0**-34  # 2^-34 is the first below 1e-10
+    for tol in (0, "small", None, [1.0]):
+        with pytest.raises(ValueError, match="^tol: got "):
+            batch_td(one, 2, 1.0, tol=tol)
 
 
 def test_certainty_equivalence_by_hand():
@@ -399,7 +403,8 @@ def test_certainty_equivalence_by_hand():
     V0 = (7 + 4 / 6) / (1 - 1 / 12)
     last = [V0, 4 + V0 / 2, 0, 5]
     close(certainty_equivalence(PAIRS, 4, GAMMA, unvisited=5.0), last)
-    close(certainty_equivalence(PAIRS, 4, GAMMA), [*last[:3], 0])
+    with np.errstate(all="raise"):
+        close(certainty_equivalence(PAIRS, 4, GAMMA), [*last[:3], 0])
     W0 = (2.5 + 2 / 4) / (1 - 1 / 8)  # after one episode: from 0 to 1 in 1 of 2, mean reward 2.5
     close(certainty_equivalence(PAIRS, 4, GAMMA, unvisited=5.0, each=True), [[W0, 2 + W0 / 2, 0, 5], last])
 
@@ -415,7 +420,10 @@ def test_certainty_equivalence_by_hand():
         ([([4, 0], [1.0])], r"got states 4\.\.4, must be in 0\.\.3"),
         ([([-1, 0], [1.0])], r"got states -1\.\.-1, must be"),
         ([([0, -1], [1.0])], r"got states -1\.\.-1, must be"),
+        ([([1, 0, -1], [1.0, 1.0])], r"got states -1\.\.0, must be"),
+        ([([0, 1, 4], [1.0, 1.0])], r"got states 1\.\.4, must be"),
         ([([0, 1], [np.inf])], "contain a reward that is not finite"),
+        ([([0, 1, 2], [1.0, np.nan])], "contain a reward that is not finite"),
         (PAIRS + [([2, 3], [1.0])], "one ends in state 2, another goes on from it"),
     ],
 )
@@ -423,6 +431,15 @@ def test_bad_episodes(episodes, message):
     for estimate in (batch_mc, batch_td, certainty_equivalence):
         with pytest.raises(ValueError, match=f"^episodes: {message}"):
             estimate(episodes, 4, GAMMA)
+
+
+@pytest.mark.parametrize("value", ["many", [1.0, 2.0], np.nan, None, True])
+def test_bad_first_values(value):
+    for estimate in (batch_mc, certainty_equivalence):
+        with pytest.raises(ValueError, match="^unvisited: got .*, must be a finite number"):
+            estimate(PAIRS, 4, GAMMA, unvisited=value)
+    with pytest.raises(ValueError, match="^V0: got "):
+        batch_td(PAIRS, 4, GAMMA, V0=[np.nan, 0, 0, 0])
 
 
 # ---------------------------------------------------------------------- measures
