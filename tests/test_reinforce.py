@@ -742,7 +742,7 @@ def net(*sizes, **more):
         (lambda: bluff_values(1.5, 0.5), "x: got 1.5"),
         (lambda: bluff_learning(0.0, 0.5, 5, alpha=0.1), "x, y: got 0.0"),
         (lambda: bluff_learning(0.2, 0.5, 5, alpha=0.1, caller="me"), "caller: got 'me'"),
-        (lambda: bluff_learning(0.2, 0.5, 5, alpha=-1), "alpha, epsilon"),
+        (lambda: bluff_learning(0.2, 0.5, 5, alpha=-1), "alpha: got -1"),
     ],
 )
 def test_bad_calls_name_the_argument(call, name):
