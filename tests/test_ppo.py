@@ -375,6 +375,7 @@ def net(*sizes, optimizer=True):
         (lambda: PPOConfig(d_target=0.0), "d_target: got 0.0"),
         (lambda: PPOConfig(c1=-0.5), "c1: got -0.5, must be a number, 0 or more"),
         (lambda: PPOConfig(c1=True), "c1: got True"),
+        (lambda: PPOConfig(c1=np.inf), "c1: got inf"),
         (lambda: PPOConfig(c2=np.nan), "c2: got nan"),
         (lambda: PPOConfig(c2=None), "c2: got None"),
         (lambda: PPOConfig(shared=1), "shared: got 1, must be True or False"),

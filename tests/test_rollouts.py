@@ -147,6 +147,8 @@ def test_learning_data_are_the_real_transitions_and_nothing_else(N, continuous):
         np.testing.assert_allclose(action, a)
         assert target == pytest.approx(r + gamma * (0.0 if terminated else values([s_next])[0]), abs=1e-6)
     assert not mine
+    if N == 1:
+        assert {type(row[1]) for row in log} == {np.ndarray if continuous else int}
 
 
 def test_advantages_are_centred_and_scaled_over_what_is_real_alone():
