@@ -1,6 +1,7 @@
-r"""Evaluates the LaTeX of chapters 1 to 7: sums, maxima, expectations, fractions, p(s', r | s, a), pi(a | s), v, q; the
+r"""Evaluates the LaTeX of chapters 1 to 8: sums, maxima, expectations, fractions, p(s', r | s, a), pi(a | s), v, q; the
 updates along an episode: V(S_t), Q(S_t, A_t), R_{t+1}, G_t^{t+n}(c), L_t, delta_t, E_{t-1}(s, a), I_{s S_t}; vectors
-and matrices: w_{jk}^l, w^l a^{l-1}, \odot; slopes, by central differences: \partial J / \partial b_j^l, \nabla \ln \pi.
+and matrices: w_{jk}^l, w^l a^{l-1}, \odot; slopes, by central differences: \partial J / \partial b_j^l, \nabla \ln \pi;
+means over a batch and distributions: \hat{\mathbb E}_t[r_t(\theta) \hat A_t], KL[\pi_{\theta_{old}}(\cdot | s_t), ...].
 
 `sides(latex)` splits an equation at its signs of equality and gives one function of a `Scope` for each side. What it
 cannot read is a SyntaxError: nothing on the page is passed over in silence.
@@ -21,11 +22,14 @@ IGNORED = (
     r"|\\(?:wide)?hat(?![a-zA-Z])|&|~"
 )
 TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
-ENDS = (None, "+", "-", "=", "<", r"\le", ")", "]", "}", "|", ",", r"\}", r"\rVert")
-NAMES = r"\\(?:pi|theta|tau|sigma|mu|delta|output|activation|high|low|Delta)'*|[a-zA-Z]'*"
+RELATIONS = ("=", "<", ">", r"\le", r"\ge")
+ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert")
+WORDS = "pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|S|min|clip|UP"
+NAMES = rf"\\(?:{WORDS}|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
+TIMED = ("Delta", "r", "LCPI", "LCLIP", "LVF")  # functions whose index is a time: r_t(\theta)
 DOTS = [[r"\dots"], [r"\cdots"], [r"\ldots"], [r"\vdots"], [r"\ddots"]]
 LAYERED = ("a", "b", "w", "z", "delta")  # an exponent of these is the number of a layer
-FUNCTIONS = {r"\ln": np.log, r"\log": np.log, r"\cos": np.cos}
+FUNCTIONS = {r"\ln": np.log, r"\log": np.log, r"\cos": np.cos, r"\sqrt": np.sqrt}
 
 
 class Scope:
@@ -57,11 +61,16 @@ def sides(latex):
     )
     text = re.sub(r"\\(?:doteq|leftarrow|propto)\b", "=", text).replace(r"\mid", "|").replace(r"\ast", "*")
     text = re.sub(r"\^\{?\\prime\}?", "'", text)
+    text = re.sub(r"\{\s*(\\E)\s*\}", r"\1", text)  # the hat was here
+    text = re.sub(r"\\?([a-zA-Z]+)_\{(old|targ)\}", r"\\\1\2 ", text)
+    text = re.sub(r"([LV])(_t|)\^\{([A-Z+]+|targ)\}", lambda m: rf"\{m[1]}{m[3].replace('+', '')}{m[2]} ", text)
+    text = re.sub(r"S\[([^][]*)\]", r"\\S_{\1}", text)
+    text = re.sub(r"KL\[([^][]*)\]", r"\\KL(\1)", text)
     text = re.sub(r"\\partial (\w) / \\partial (\S+)", r"\\frac{\\partial \1}{\\partial \2}", text)
     text = re.sub(r"\\[td]?frac\s*(\d)\s*(\d)", r"\\frac{\1}{\2}", text)
     reader = Reader(re.findall(TOKEN, re.sub(r"([a-zA-Z])\s+'", r"\1'", text)))
     found = [reader.expression()]
-    while reader.take("=", "<", r"\le"):
+    while reader.take(*RELATIONS):
         found.append(reader.expression())
     reader.end()
     return found
@@ -126,9 +135,11 @@ class Reader:
             if self.take(r"\odot"):
                 groups.append([])
             groups[-1].append(self.factor())
+        under = self.take("/") and self.product()
 
         def value(scope, names):
-            return reduce(_entrywise, [reduce(_times, [x(scope, names) for x in group]) for group in groups])
+            over = reduce(_entrywise, [reduce(_times, [x(scope, names) for x in group]) for group in groups])
+            return over / under(scope, names) if under else over
 
         return value
 
@@ -192,12 +203,14 @@ class Reader:
             return self.extreme(lambda pairs: max(pairs)[0])
         if token in (r"\E", r"\Pr"):
             return self.expectation(token)
-        if token in (r"\alpha", r"\lambda", r"\epsilon", r"\varepsilon"):
+        if token in (r"\alpha", r"\beta", r"\lambda", r"\epsilon", r"\varepsilon"):
             letter = token + "_" + self.need("w") if self.take("_") else token
             return lambda scope, names: scope.greek[letter]
         if token == "I":
             return self.indicator()
-        if token in ("R", "G", "S", "A", "L") and self.peek() == "_" or token == "T" and self.peek() != "(":
+        of_policy = self.tokens[self.i : self.i + 3] == ["_", "{", r"\piold"]
+        letters = ("R", "G", "S", "A", "L")
+        if token in letters and self.peek() == "_" and not of_policy or token == "T" and self.peek() != "(":
             return self.variable(token)
         if re.fullmatch(NAMES, token):
             return self.name(token.strip("\\"))
@@ -247,14 +260,14 @@ class Reader:
         return slope
 
     def nabla(self):
-        """The gradient of what follows with respect to theta; to w where that is what it depends on."""
-        if self.take("_") and self.take("a"):
+        """The gradient of what follows with respect to theta, or W; to w where that is what it depends on."""
+        by = self.take("_") and self.need("a", "W", r"\theta")
+        if by == "a":
             what = self.need("J")
             return lambda scope, names: scope.call("nabla_a", what, [])
-        self.take(r"\theta")
         start = self.i
         body = self.factor()
-        variable = "w" if "w" in self.tokens[start : self.i] else "theta"
+        variable = "W" if by == "W" else "w" if "w" in self.tokens[start : self.i] else "theta"
         return lambda scope, names: gradient(lambda: body(scope, names), scope.tables[variable, "", 0])
 
     def indices(self, token):
@@ -293,15 +306,22 @@ class Reader:
         if not self.take("("):
             return lambda scope, names: names[token] if token in names else scope.call(token, "", [])
         subscript = "".join(below).strip("\\")
-        args, bars = [self.expression()], ""
+        args, bars = [self.argument()], ""
         while sign := self.take(",", "|"):
             bars += sign
-            args.append(self.expression())
+            args.append(self.argument())
         self.need(")")
         label = token + ("|" + str(bars.index("|")) if "|" in bars else "")
-        if token == "Delta":  # of time t, which a sum runs through
+        if token in TIMED and below == ["t"]:
             args.insert(0, read(below))
         return lambda scope, names: scope.call(label, subscript, [arg(scope, names) for arg in args])
+
+    def argument(self):
+        """s; y = s, the value of y; or a dot for all of them."""
+        if self.take(r"\cdot"):
+            return lambda scope, names: slice(None)
+        argument = self.expression()
+        return self.expression() if self.take("=") else argument
 
     def variable(self, letter):
         """R_{t+1}, G_t, S_{t+1}, A_t; T."""
@@ -353,16 +373,19 @@ class Reader:
         return self.group()
 
     def bound(self):
-        """What stands under a sum or a maximum: its variables and, for \\sum_{k=a}^{b}, the limits."""
+        """What stands under a sum or a maximum: its variables and, for \\sum_{k=a}^{b}, the limits.
+
+        \\sum_{k \\ge a} has no upper one.
+        """
         self.need("_")
         many = self.take("{")
         names = [self.need(self.peek() or "a variable")]
-        first = None
+        first, upwards = None, False
         while many and not self.take("}"):
             if self.take(","):
                 names.append(self.need(self.peek()))
-            elif self.take("="):
-                first = self.expression()
+            elif sign := self.take("=", r"\ge"):
+                first, upwards = self.expression(), sign != "="
             elif self.take(r"\in"):
                 depth = 0
                 while depth or self.peek() not in (",", "}"):
@@ -373,7 +396,7 @@ class Reader:
                 raise SyntaxError(f"cannot read {self.peek()} under a sum")
         if any(not re.fullmatch(r"[a-z]'*|\\pi|\\theta", name) for name in names):
             raise SyntaxError(f"cannot run over {names}")
-        last = self.group() if first is not None and self.need("^") else None
+        last = self.group() if first is not None and not upwards and self.need("^") else None
         return names, first, last
 
     def sum(self, add=sum):
@@ -382,7 +405,7 @@ class Reader:
 
         def value(scope, known):
             if first is not None:
-                low, high = first(scope, known), last(scope, known)
+                low, high = first(scope, known), last(scope, known) if last else max(scope.sets[names[0]])
                 return add(body(scope, {**known, names[0]: k}) for k in range(int(low), int(high) + 1))
             spaces = [scope.sets[name.strip("'")] for name in names]
             return add(body(scope, {**known, **dict(zip(names, x))}) for x in itertools.product(*spaces))
@@ -394,15 +417,25 @@ class Reader:
         body = self.product()
         if names[0] in (r"\pi", r"\theta"):  # over policies: a scope for each
             return lambda scope, known: pick([(body(other, known), i) for i, other in enumerate(scope.sets[names[0]])])
-        return lambda scope, known: pick(
-            [(body(scope, {**known, names[0]: x}), x) for x in scope.sets[names[0].strip("'")]]
-        )
+
+        def value(scope, known):
+            spaces = [scope.sets[name.strip("'")] for name in names]
+            return pick([
+                (body(scope, {**known, **dict(zip(names, x))}), x[0]) for x in itertools.product(*spaces)
+            ])  # fmt: skip
+
+        return value
 
     def expectation(self, kind):
         """E[X | S_t = s, A_t = a], E_pi[X | S_t = s], Pr{S_t = s', R_t = r | ...}: one step of the process.
 
-        E_{tau ~ pi_theta}[X]: over whole episodes. E_pi[X] without a condition, too, summed over the steps t.
+        E_{tau ~ pi_theta}[X]: over whole episodes. E_pi[X] without a condition, too, summed over the steps t. E_t[X]:
+        the mean over a batch.
         """
+        if self.tokens[self.i : self.i + 3] == ["_", "t", "["]:
+            self.i += 3
+            body = self.row("]")
+            return lambda scope, names: np.mean([body(scope, {**names, "t": t}) for t in scope.sets["t"]], axis=0)
         policy = self.take("_") and self.need(r"\pi", "{")
         if policy == "{" and self.take(r"\tau"):
             self.need(r"\sim")
@@ -469,7 +502,7 @@ def _times(x, y):
         return x * y
     if np.ndim(x) != 2:
         raise ValueError("a vector with a vector or a matrix right of it")
-    return (x @ y)[0] if len(x) == 1 else x @ y
+    return (x @ y)[0] if len(x) == 1 and np.ndim(y) == 1 else x @ y
 
 
 def _entrywise(x, y):

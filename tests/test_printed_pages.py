@@ -5,6 +5,7 @@ import re
 import pytest
 import test_printed_equations as equations
 import test_printed_networks as networks
+import test_printed_ppo as ppo
 import test_printed_processes as processes
 import test_printed_reinforce as reinforce
 import test_printed_updates as updates
@@ -13,6 +14,7 @@ from latex import cells, displays
 TESTED = {
     **equations.CHAPTER, **updates.PAGE, **processes.PAGE,
     **dict.fromkeys(networks.TESTED, networks.PAGE), **dict.fromkeys(reinforce.TESTED, reinforce.PAGE),
+    **dict.fromkeys(ppo.TESTED, ppo.PAGE),
     "om-state-traces": "05_eligibility_traces", "eq-u-watkins-trace": "05_eligibility_traces",
 }  # fmt: skip
 NOTATION = {
