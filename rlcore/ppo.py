@@ -6,7 +6,8 @@ Baselines; "paper": Schulman et al., 2017):
   the policy's last layer starts 100 times smaller, so that the first policy is near uniform or centred (ppo1)
   log_std is a parameter of its own, 0 at first, the same in all states (Schulman et al., 2015, appendix D)
   v_hat learns the lambda-return A_hat + v_hat(s) by squared error, which is not clipped (ppo1)
-  observations are centred and scaled by running statistics and cut at +-5 (ppo1): normalise_observations
+  observations are centred and scaled by running statistics, with variances of at least 1e-4 (ppo1: 1e-2), and cut at
+    +-5 (ppo1): normalise_observations
   these change before the epochs; old log-probabilities are computed with the new ones, so ratios start at 1 (ppo1)
   a truncated episode goes on with v_hat of its last state (ppo1 takes it for a terminal one)
   continuous actions are cut to the action space before the environment sees them (Stable-Baselines3): clip_actions

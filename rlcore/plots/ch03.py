@@ -34,11 +34,6 @@ FAMILY = {
         ("PPO", "rlcore.ppo.ppo", "8"),
     ],
 }
-# Functions of FAMILY that are still to come. A test keeps this list honest: it may only become shorter.
-PLANNED = [
-    "rlcore.trpo.trpo",
-    "rlcore.ppo.ppo",
-]
 
 
 def loop_diagram(labels=("act", "store (s, a, r, s')", "fit the model", "plan in the model")):
@@ -136,13 +131,11 @@ def family_tree(leaf=None):
         middle = y - 0.66 * (len(leaves) - 1) / 2
         box(ax, (2.6, middle), group, width=5.0, height=0.75, face=PALE, fontsize=12)
         for name, function, section in leaves:
-            chosen, planned = name == leaf, function in PLANNED
+            chosen = name == leaf
             ax.plot([5.1, 6.6], [middle, y], color=GREY, ls="-", lw=1.2, zorder=0)
-            box(ax, (9.1, y), name, width=5.0, height=0.58, face=BLUE if chosen else "white", fontsize=12,
-                edge=GREY if planned else PALETTE["black"])  # fmt: skip
-            ax.patches[-1].set_linestyle("--" if planned else "-")
+            box(ax, (9.1, y), name, width=5.0, height=0.58, face=BLUE if chosen else "white", fontsize=12)
             if chosen:
-                note = f"section {section}: {'planned, ' if planned else ''}{function}"
+                note = f"section {section}: {function}"
             y -= 0.66
         y -= 0.25
     ax.text(6, -0.75, note, ha="center", va="center", fontsize=12, color=BLUE)
