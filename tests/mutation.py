@@ -71,6 +71,7 @@ TOO_SLOW = {  # interpreted, these take seconds or a minute each: left out, whic
     "rollouts": OF_PPO,
     "actor_critic": OF_PPO,
 }
+TORCH = {"nn", "neurons", "policies", "policy_gradient", "reinforce", "ppo", "trpo", "actor_critic", "losses"}
 SWAPS = {
     ast.Add: [ast.Sub], ast.Sub: [ast.Add], ast.Mult: [ast.Div], ast.Div: [ast.Mult], ast.FloorDiv: [ast.Mult],
     ast.Mod: [ast.FloorDiv], ast.Pow: [ast.Mult], ast.BitAnd: [ast.BitOr], ast.BitOr: [ast.BitAnd],
@@ -304,8 +305,9 @@ def work(worker, workers, modules):
     """One of the processes: every workers-th mutant that has no result yet."""
     folder, done, excused = scratch(worker), results(), allowed()
     preload()
-    if any("test_losses" in TESTS[module] or module == "trpo" for module in modules):
+    if set(modules) & TORCH:
         importlib.import_module("torch")  # seconds for each mutant, if not here
+        importlib.import_module("sklearn.datasets")
     with open(SCRATCH / "results.jsonl", "a") as out:  # both append whole lines
         for module in modules:
             path, tests, mark = folder / "rlcore" / f"{module}.py", TESTS[module], fingerprint(folder, module)
