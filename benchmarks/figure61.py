@@ -138,12 +138,14 @@ def main(tier):
 
 
 def show(rows):
+    """Scores of the settings that were run, best first."""
     table = scores(rows)
+    names = [i for i, by_task in enumerate(table) if not np.isnan(by_task).all()]
     print(f"{'setting':16}{'score':>7}{'runs':>6}   " + " ".join(f"{t[:12]:>12}" for t in TASKS))
-    for mean, setting, by_task in sorted(zip(average(table), SETTINGS, table), key=lambda line: -line[0]):
-        runs = ~np.isnan(by_task)
-        cells = " ".join(f"{seeds[ran].mean():12.2f}" if ran.any() else " " * 12 for seeds, ran in zip(by_task, runs))
-        print(f"{setting:16}{mean:7.2f}{runs.sum():6d}   {cells}")
+    for mean, i in sorted(zip(average(table[names]), names), reverse=True):
+        ran = ~np.isnan(table[i])
+        cells = " ".join(f"{s[r].mean():12.2f}" if r.any() else " " * 12 for s, r in zip(table[i], ran))
+        print(f"{list(SETTINGS)[i]:16}{mean:7.2f}{ran.sum():6d}   {cells}")
 
 
 if __name__ == "__main__":

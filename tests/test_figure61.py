@@ -1,5 +1,9 @@
 """Figure 61: reading and scoring the runs, and the comparison with the published column."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
@@ -183,3 +187,21 @@ def test_read_gives_numbers_words_and_none(tmp_path):
 def test_bad_input_is_refused_by_name(call, words):
     with pytest.raises(ValueError, match=words):
         call()
+
+
+def test_the_smoke_tier_runs(tmp_path):
+    """Three settings and random actions on two tasks, through processes and files; the same call repeats nothing."""
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install -e '.[deep]'")
+    root = Path(__file__).parents[1]
+    for folder in ("benchmarks", "rlcore"):
+        (tmp_path / folder).symlink_to(root / folder)
+    script = tmp_path / "figure61.py"  # its runs are kept beside it
+    script.write_text((root / "benchmarks" / "figure61.py").read_text().replace("parents[1]", "parents[0]"))
+    command = [sys.executable, str(script), "smoke"]
+    first, second = (subprocess.run(command, cwd=tmp_path, capture_output=True, text=True) for _ in range(2))
+    assert first.returncode == 0, first.stderr[-2000:]
+    table = [line.split() for line in first.stdout.splitlines()[1:]]
+    table = {" ".join(words[:-4]) for words in table if words}
+    assert table == {"none", "clip 0.2", "adaptive 0.01"}
+    assert len(list((tmp_path / "_build" / "figure61").iterdir())) == 8
+    assert second.stdout == first.stdout and "1 of" not in second.stderr
