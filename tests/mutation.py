@@ -40,7 +40,7 @@ TESTS = {  # in the order in which they are most likely to notice
     "episodes": "test_td_exact test_td",
     "returns": "test_traces_exact test_traces",
     "traces": "test_traces_exact test_traces",
-    "nn": "test_nn",
+    "nn": "test_nn test_trpo test_reinforce",
     "neurons": "test_nn",
     "policies": "test_policies",
     "policy_gradient": "test_reinforce",

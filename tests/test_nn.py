@@ -869,3 +869,27 @@ BAD = [
 def test_bad_input_names_the_argument(argument, call):
     with pytest.raises(ValueError, match=rf"^{argument}: "):
         call()
+
+
+def test_gradient_check_is_relative_to_the_larger_of_the_two():
+    class Tripled(MLP):
+        def backward(self, d_outputs):
+            return 3 * super().backward(d_outputs)
+
+    for net, error in ((Tripled, 2 / 3), (MLP, 0.0)):
+        net = net([2, 3, 1], dtype=np.float64, rng=rng())
+        assert gradient_check(net, [0.3, -0.5], [0.2]) == pytest.approx(error, abs=1e-6)
+
+
+def test_end_steps_stand_outside_by_a_part_of_the_interval():
+    net = step_bump_network(np.cos, 4, interval=(1.0, 3.0), ends=0.05)
+    np.testing.assert_allclose([step_position(w, b) for w, b in zip(net.weights[0][:, 0], net.biases[0])],
+                               [0.9, 1.5, 1.5, 2, 2, 2.5, 2.5, 3.1], atol=1e-12)  # fmt: skip
+
+
+def test_lists_train_as_arrays_do():
+    x, y = rng().standard_normal((6, 2)), rng(1).standard_normal((6, 1))
+    nets = [MLP([2, 3, 1], optimizer=SGD(0.1), rng=rng()) for _ in range(2)]
+    sgd(nets[0], x, y, batch=3, epochs=2, rng=rng(2))
+    sgd(nets[1], x.tolist(), y.tolist(), batch=3, epochs=2, rng=rng(2))
+    np.testing.assert_array_equal(nets[0].theta, nets[1].theta)
