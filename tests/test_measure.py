@@ -6,7 +6,7 @@ import pytest
 from rlcore.bellman import solve_policy
 from rlcore.dp import policy_iteration, value_iteration
 from rlcore.envs import cliff_walking, dyna_maze, gridworld, random_walk, recycling_robot
-from rlcore.mdp import rollout, uniform_policy
+from rlcore.mdp import FiniteMDP, rollout, uniform_policy
 from rlcore.measure import backups_per_second, first_updates, repeat, squared_error, walk_error, with_random_actions
 from rlcore.tabular import soft_greedy
 from rlcore.td import batch_mc, q_learning, sarsa, td0
@@ -57,9 +57,9 @@ def test_first_updates_follow_each_other(method):
 
 
 def test_first_updates_where_an_action_is_not_legal():
-    robot = recycling_robot()
-    [row] = first_updates(sarsa, robot, 0.9, 1, alpha=0.5, epsilon=0.1, rng=np.random.default_rng(1))
-    assert robot.legal[row.s, row.a] and row.old == 0.0 and row.new == 0.5 * robot.reward[row.s, row.a, 0]
+    mdp = FiniteMDP.from_outcomes({(0, 1): [(1.0, 1, 3.0)], (1, 0): [(1.0, 2, 1.0)], (1, 1): [(1.0, 2, 1.0)]}, start=0)
+    [row] = first_updates(sarsa, mdp, 0.9, 1, alpha=0.5, epsilon=0.1, rng=np.random.default_rng(1))
+    assert row == (0, 1, -1, 0.0, 1.5)
 
 
 @pytest.mark.parametrize("epsilon, value", [(0.1, -20.71), (0.05, -17.519231855902312), (0.01, -15.44081065987908)])
