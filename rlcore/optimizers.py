@@ -80,6 +80,18 @@ def check_positive(name, value):
     return float(value)
 
 
+def check_nonnegative(name, value):
+    if not is_number(value) or not 0 <= value < np.inf:
+        raise ValueError(f"{name}: got {value!r}, must be a number, 0 or more")
+    return float(value)
+
+
+def check_fraction(name, value):
+    if not is_number(value) or not 0 < value < 1:
+        raise ValueError(f"{name}: got {value!r}, must be above 0 and below 1")
+    return float(value)
+
+
 def _check_decay(name, value):
     if not is_number(value) or not 0 <= value < 1:
         raise ValueError(f"{name}: got {value!r}, must be a number in [0, 1)")

@@ -23,7 +23,7 @@ import numpy as np
 
 from rlcore.actor_critic import make_agent
 from rlcore.mdp import check_count, check_rng
-from rlcore.optimizers import check_positive
+from rlcore.optimizers import check_nonnegative, check_positive
 from rlcore.rollouts import Settings, gae, learning_data, make_run, rollouts, vector_env
 from rlcore.surrogates import adapt_beta
 
@@ -61,7 +61,8 @@ class PPOConfig(Settings):
             raise ValueError(f"objective: got {self.objective!r}, must be one of {', '.join(OBJECTIVES)}")
         for name in ("clip", "beta", "d_target"):
             check_positive(name, getattr(self, name))
-        self._check_weights("c1", "c2")
+        for name in ("c1", "c2"):
+            check_nonnegative(name, getattr(self, name))
         self._check_flags("shared", "anneal")
 
 

@@ -1,7 +1,6 @@
 """Rollouts of a policy network, and what PPO and TRPO learn from them (chapter 8)."""
 
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 
@@ -84,12 +83,6 @@ class Settings:
         for name in names:
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"{name}: got {getattr(self, name)!r}, must be True or False")
-
-    def _check_weights(self, *names):
-        for name in names:
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= value < np.inf:
-                raise ValueError(f"{name}: got {value!r}, must be a number, 0 or more")
 
 
 # ---------------------------------------------------------------------- environments

@@ -2,12 +2,12 @@
 
 from collections import namedtuple
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 
 from rlcore.bellman import policy_matrix, q_from_v, solve_policy
 from rlcore.mdp import as_floats, check_count, check_gamma, check_policy
+from rlcore.optimizers import check_fraction, check_nonnegative, check_positive
 from rlcore.policies import log_softmax
 
 __all__ = [
@@ -111,7 +111,7 @@ def lower_bound(old, pi, C=None):
 
     C: another coefficient, for which that is not guaranteed. fig-58, cl-128, cl-129
     """
-    C = penalty_coefficient(old) if C is None else _positive("C", C, least=0)
+    C = penalty_coefficient(old) if C is None else check_nonnegative("C", C)
     return local_performance(old, pi) - C * max_kl(old, pi)
 
 
@@ -133,7 +133,7 @@ def mm_maximise(bound, theta, n_steps, *, reach=4.0):
     either side of theta, denser near it, and theta is one of them: what the bound minorizes never falls.
     Source: Hunter and Lange (2004).
     """
-    side = _positive("reach", reach) * np.geomspace(1e-6, 1, 300)
+    side = check_positive("reach", reach) * np.geomspace(1e-6, 1, 300)
     offsets, history = np.concatenate([[0.0], side, -side]), [float(as_floats("theta", theta))]
     for _ in range(check_count("n_steps", n_steps)):
         candidates = history[-1] + offsets
@@ -151,10 +151,10 @@ def backtracking_line_search(f, x, direction, slope, *, shrink=0.5, c=1e-4, max_
     derivative of f at x, positive: the direction goes up. Returns t and (d,); 0 and x where no step is good.
     Source: Nocedal and Wright (2006), algorithm 3.1.
     """
-    x, d, slope = as_floats("x", x), as_floats("direction", direction), _positive("slope", slope)
+    x, d, slope = as_floats("x", x), as_floats("direction", direction), check_positive("slope", slope)
     if x.shape != d.shape:
         raise ValueError(f"direction: got shape {d.shape}, must be that of x, {x.shape}")
-    t, shrink, c, here = 1.0, _fraction("shrink", shrink), _fraction("c", c), f(x)
+    t, shrink, c, here = 1.0, check_fraction("shrink", shrink), check_fraction("c", c), f(x)
     for _ in range(check_count("max_steps", max_steps)):
         if f(x + t * d) >= here + c * t * slope:
             return t, x + t * d
@@ -168,7 +168,7 @@ def trust_region_step(g, H, radius):
     g: (d,) gradient. H: (d, d) symmetric, of any sign. Where the top is not inside, p solves (lambda I - H) p = g with
     |p| = radius. Source: Nocedal and Wright (2006), theorem 4.1 and section 4.3.
     """
-    g, H, radius = as_floats("g", g), as_floats("H", H), _positive("radius", radius)
+    g, H, radius = as_floats("g", g), as_floats("H", H), check_positive("radius", radius)
     if g.ndim != 1 or H.shape != (g.size, g.size) or not np.allclose(H, H.T):
         raise ValueError(f"H: got shape {H.shape}, must be symmetric, {(g.size, g.size)}")
     curve, axes = np.linalg.eigh(H)
@@ -193,7 +193,7 @@ def trust_region_ascent(f, gradient, hessian, x, n_steps, *, radius=1.0, max_rad
     more than three quarters and the step went to the edge; a step that lowers f is not taken.
     Source: Nocedal and Wright (2006), algorithm 4.1.
     """
-    xs, radii, limit = [as_floats("x", x)], [_positive("radius", radius)], _positive("max_radius", max_radius)
+    xs, radii, limit = [as_floats("x", x)], [check_positive("radius", radius)], check_positive("max_radius", max_radius)
     for _ in range(check_count("n_steps", n_steps)):
         x, r, g, H = xs[-1], radii[-1], gradient(xs[-1]), hessian(xs[-1])
         p = trust_region_step(g, H, r)
@@ -214,7 +214,7 @@ def penalised_step(old, beta):
     In each state pi(a) = beta pi_old(a) / (lambda - A(a)), where lambda makes the sum 1; Newton from the left finds it.
     An action that pi_old never takes stays so, as with any softmax. Source: Grill et al. (2020), section 3.
     """
-    beta, A = _positive("beta", beta), np.where(old.pi > 0, old.A, -np.inf)
+    beta, A = check_positive("beta", beta), np.where(old.pi > 0, old.A, -np.inf)
     gap = A.max(axis=1, keepdims=True) - A
     mu = (beta * old.pi - gap).max(axis=1, keepdims=True)  # mu = lambda - max A, from where one of the terms is 1
     for _ in range(30):
@@ -230,7 +230,7 @@ def constrained_step(old, delta):
     The beta whose `penalised_step` has a mean KL of delta: the constraint chooses the penalty. Returns (S, A) and a
     number; pi_old itself with beta = inf where no advantage is left. Source: Schulman et al. (2015), equation (12).
     """
-    delta, scale = _positive("delta", delta), np.abs(old.A).max()
+    delta, scale = check_positive("delta", delta), np.abs(old.A).max()
     if scale <= 1e-12 * max(1.0, abs(old.eta)):
         return old.pi, np.inf
     low, high = np.log(scale) - 30, np.log(scale) + 30
@@ -246,8 +246,8 @@ def adapt_beta(beta, d, d_target):
 
     Half where d < d_target / 1.5, twice where d > 1.5 d_target. Source: Schulman et al. (2017), section 4.
     """
-    beta, d_target = _positive("beta", beta), _positive("d_target", d_target)
-    d = _positive("d", d, least=0)
+    beta, d_target = check_positive("beta", beta), check_positive("d_target", d_target)
+    d = check_nonnegative("d", d)
     return beta / 2 if d < d_target / 1.5 else 2 * beta if d > 1.5 * d_target else beta  # om-adaptive-beta
 
 
@@ -286,15 +286,3 @@ def _policies(old, pi):
     if not ((pi >= 0).all() and (np.abs(pi.sum(axis=-1) - 1) <= 1e-9).all()):
         raise ValueError("pi: has a row that is no distribution, must be probabilities that sum to 1")
     return pi
-
-
-def _fraction(name, value):
-    if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < 1:
-        raise ValueError(f"{name}: got {value!r}, must be in (0, 1)")
-    return float(value)
-
-
-def _positive(name, value, least=None):
-    if isinstance(value, bool) or not isinstance(value, Real) or not (value > 0 or value == least) or value == np.inf:
-        raise ValueError(f"{name}: got {value!r}, must be a number {'of at least' if least == 0 else 'above'} 0")
-    return float(value)

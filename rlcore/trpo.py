@@ -6,7 +6,7 @@ import numpy as np
 
 from rlcore.actor_critic import make_agent
 from rlcore.mdp import check_count, check_rng
-from rlcore.optimizers import check_positive
+from rlcore.optimizers import check_fraction, check_nonnegative, check_positive
 from rlcore.rollouts import Settings, fit_values, learning_data, make_run, rollouts, vector_env
 
 __all__ = ["TRPOConfig", "conjugate_gradient", "fisher_vector_product", "trpo", "trpo_step"]
@@ -32,11 +32,10 @@ class TRPOConfig(Settings):
 
     def __post_init__(self):
         super().__post_init__()
-        check_positive("delta", self.delta), self._check_weights("damping")
+        check_positive("delta", self.delta), check_nonnegative("damping", self.damping)
         for name in ("cg_steps", "backtracks"):
             check_count(name, getattr(self, name))
-        if not check_positive("shrink", self.shrink) < 1:
-            raise ValueError(f"shrink: got {self.shrink!r}, must be above 0 and below 1")
+        check_fraction("shrink", self.shrink)
 
 
 def conjugate_gradient(product, b, n_steps, tol=1e-10):

@@ -459,7 +459,7 @@ BAD = {
         lambda: sur.lower_bound(sur.old_policy(GRID, uniform_policy(GRID), 1.0), uniform_policy(GRID)),
         "gamma: got 1, must be below 1",
     ),
-    "a negative coefficient": (lambda: sur.lower_bound(OLD, PI, -1.0), "C: got -1.0, must be a number of at least 0"),
+    "a negative coefficient": (lambda: sur.lower_bound(OLD, PI, -1.0), "C: got -1.0, must be a number, 0 or more"),
     "beta 0": (lambda: sur.penalised_step(OLD, 0), "beta: got 0, must be a number above 0"),
     "beta nan": (lambda: sur.penalised_step(OLD, float("nan")), "beta: got nan"),
     "beta in words": (lambda: sur.penalised_step(OLD, "one"), "beta: got 'one'"),
@@ -477,9 +477,9 @@ BAD = {
     ),
     "a step that does not shrink": (
         lambda: sur.backtracking_line_search(hill, [1.0, 1.0], [-1.0, 0.0], 4.0, shrink=1.0),
-        "shrink: got 1.0, must be in (0, 1)",
+        "shrink: got 1.0, must be above 0 and below 1",
     ),
-    "c 0": (lambda: sur.backtracking_line_search(hill, [1.0, 1.0], [-1.0, 0.0], 4.0, c=0), "c: got 0, must be in"),
+    "c 0": (lambda: sur.backtracking_line_search(hill, [1.0, 1.0], [-1.0, 0.0], 4.0, c=0), "c: got 0, must be above 0"),
     "H of another shape": (lambda: sur.trust_region_step([1.0], PEAK, 1.0), "H: got shape (2, 2), must be symmetric"),
     "H that is not symmetric": (
         lambda: sur.trust_region_step([1.0, 0.0], [[1.0, 2.0], [0.0, 1.0]], 1.0),
