@@ -17,7 +17,7 @@ import time
 os.environ |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 
 import numpy as np  # noqa: E402
-from rows import Solved, save  # noqa: E402
+from rows import Solved, save, solved_rows  # noqa: E402
 
 from rlcore.ppo import PPOConfig, ppo  # noqa: E402
 
@@ -95,15 +95,7 @@ def main():
             "CartPole rlcore, zoo settings": lambda s: ours("CartPole-v1", ZOO, 100_000, s),
             "CartPole Stable-Baselines3": cartpole_sb3,
         }
-        runs = {name: [] for name in jobs}
-        for seed in seeds:
-            for name, job in jobs.items():
-                runs[name].append(timed(job, seed))
-        rows = []
-        for name, done in runs.items():
-            solved, steps = sum(e.solved for _, e in done), int(np.median([e.steps for _, e in done]))
-            outcome = f"{solved} of {len(done)} at 475, {steps} steps"
-            rows.append((name, np.median([t for t, _ in done]), "CPU s", outcome))
+        rows = solved_rows(jobs, seeds, timed)
         save("ppo", rows, against="CartPole Stable-Baselines3")
     for task in TASKS:
         if options.only in task:

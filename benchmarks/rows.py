@@ -28,6 +28,20 @@ class Solved:
         return len(self.returns) >= 100 and np.mean(self.returns[-100:]) >= 475
 
 
+def solved_rows(jobs, seeds, timed):
+    """Rows of jobs {name: job(seed)} that take turns: median CPU seconds, how many seeds solved CartPole, steps."""
+    runs = {name: [] for name in jobs}
+    for seed in seeds:
+        for name, job in jobs.items():
+            runs[name].append(timed(job, seed))
+    rows = []
+    for name, done in runs.items():
+        solved, steps = sum(e.solved for _, e in done), int(np.median([e.steps for _, e in done]))
+        outcome = f"{solved} of {len(done)} at 475, {steps} steps"
+        rows.append((name, np.median([t for t, _ in done]), "CPU s", outcome))
+    return rows
+
+
 def save(name, rows, against):
     """Print rows (job, value, unit, outcome) with their ratio to one of them, and keep them in results/name.csv."""
     base = next(value for job, value, *_ in rows if job == against)

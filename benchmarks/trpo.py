@@ -13,7 +13,7 @@ os.environ |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")
 
 import numpy as np  # noqa: E402
 from ppo import timed, watch  # noqa: E402
-from rows import Solved, save  # noqa: E402
+from rows import Solved, save, solved_rows  # noqa: E402
 
 from rlcore.trpo import TRPOConfig, trpo  # noqa: E402
 
@@ -52,16 +52,8 @@ def main():
         "CartPole rlcore, zoo settings": lambda s: ours(ZOO, s),
         "CartPole sb3-contrib": sb3,
     }
-    runs = {name: [] for name in jobs}
-    for seed in range(options.first, options.first + options.seeds):
-        for name, job in jobs.items():
-            runs[name].append(timed(job, seed))
-    rows = []
-    for name, done in runs.items():
-        solved, steps = sum(e.solved for _, e in done), int(np.median([e.steps for _, e in done]))
-        outcome = f"{solved} of {len(done)} at 475, {steps} steps"
-        rows.append((name, np.median([t for t, _ in done]), "CPU s", outcome))
-    save("trpo", rows, against="CartPole sb3-contrib")
+    seeds = range(options.first, options.first + options.seeds)
+    save("trpo", solved_rows(jobs, seeds, timed), against="CartPole sb3-contrib")
 
 
 if __name__ == "__main__":

@@ -617,3 +617,17 @@ def code(page, start):
     """What stands right of `start` in the code cells."""
     lines = "\n".join(cells(page, "code")).splitlines()
     return next(line.removeprefix(start) for line in lines if line.startswith(start))
+
+
+# what a wrong equation leads to: another number, or a text that cannot be read
+NOTICED = (AssertionError, SyntaxError, KeyError, IndexError, ValueError)
+
+
+def broken(equations, breaks):
+    """[(name, kind, i, LaTeX)] with the i-th place of each kind changed. breaks: {kind: (pattern, what replaces it)}"""
+    return [
+        (name, kind, i, m.string[: m.start()] + m.expand(new) + m.string[m.end() :])
+        for name, latex in equations.items()
+        for kind, (pattern, new) in breaks.items()
+        for i, m in enumerate(re.finditer(pattern, latex))
+    ]
