@@ -4,7 +4,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.mdp import check_rng
+from rlcore.mdp import as_floats, check_rng
 from rlcore.nn import MLP, Adam
 from rlcore.reinforce import reinforce
 
@@ -31,7 +31,7 @@ def train(n_episodes, *, baseline="time", hidden=16, lr=0.01, gamma=0.99, stop=F
 
 def solved(lengths):
     """First of the first 100 episodes that average 195 steps, from 1; None where never. lengths: (n,). fig-56"""
-    total = np.append(0, np.cumsum(lengths))
+    total = np.append(0, np.cumsum(as_floats("lengths", lengths)))
     found = np.flatnonzero(total[WINDOW:] - total[:-WINDOW] >= ENOUGH * WINDOW)
     return int(found[0]) + 1 if found.size else None
 

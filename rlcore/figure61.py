@@ -58,6 +58,8 @@ def scores(rows):
 
 def _whole(table):
     """Which tasks count: those with at least one run of every setting."""
+    if np.ndim(table) != 3:
+        raise ValueError(f"table: got shape {np.shape(table)}, must be (settings, tasks, seeds), as scores gives it")
     return (~np.isnan(table)).any(axis=2).all(axis=0)
 
 

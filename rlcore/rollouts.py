@@ -208,6 +208,8 @@ class Episodes:
     """Returns and lengths of the episodes that ended so far, in order of time; steps counts all transitions."""
 
     def __init__(self, N, on_episode):
+        if on_episode is not None and not callable(on_episode):
+            raise ValueError(f"on_episode: got {on_episode!r}, must be a function of (return, steps_so_far)")
         self.returns, self.lengths, self.steps, self.on_episode = [], [], 0, on_episode
         self._G, self._n = np.zeros(N), np.zeros(N, int)
 

@@ -11,6 +11,8 @@ def read(path):
 
     Lines that begin with # say where the numbers come from. fig-56, fig-61
     """
+    if not isinstance(path, str | Path):
+        raise ValueError(f"path: got {path!r}, must be the name of a file")
     if not Path(path).exists():
         return []
     with open(path, newline="", encoding="utf-8") as file:

@@ -123,3 +123,8 @@ def test_the_figure_draws_mean_and_middle_half_over_seeds():
     ends = ax.collections[0].get_paths()[0].vertices
     assert ends[:, 1].min() == 15 and ends[:, 1].max() == 60 and ends[:, 0].max() == 60
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["plain", "solved: 195"]
+
+
+def test_lengths_that_are_no_numbers_are_refused():
+    with pytest.raises(ValueError, match="^lengths: "):
+        solved("x")

@@ -24,6 +24,7 @@ from rlcore.figure61 import (
 from rlcore.ppo import PPOConfig
 
 NAMES = list(SETTINGS)
+RNG = np.random.default_rng(0)
 
 
 def row(task, setting, seed, score):
@@ -205,3 +206,16 @@ def test_the_smoke_tier_runs(tmp_path):
     assert table == {"none", "clip 0.2", "adaptive 0.01"}
     assert len(list((tmp_path / "_build" / "figure61").iterdir())) == 8
     assert second.stdout == first.stdout and "1 of" not in second.stderr
+
+
+@pytest.mark.parametrize(
+    "call", [average, by_seed, comparison, lambda t: bootstrap(t, 3, rng=np.random.default_rng(0))]
+)
+def test_a_table_of_another_shape_is_refused(call):
+    with pytest.raises(ValueError, match=r"^table: got shape \(\), must be"):
+        call(3)
+
+
+def test_a_path_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="^path: got 5, must be the name of a file"):
+        read(5)

@@ -460,3 +460,8 @@ def net(*sizes, optimizer=True):
 def test_bad_calls_name_the_argument(call, message):
     with pytest.raises(ValueError, match="^" + re.escape(message)):
         call()
+
+
+def test_on_episode_must_be_a_function():
+    with pytest.raises(ValueError, match="^on_episode: got 3, must be a function"):
+        ppo("CartPole-v1", rng=np.random.default_rng(0), n_steps=10, on_episode=3)
