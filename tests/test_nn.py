@@ -17,6 +17,7 @@ from rlcore.nn import (
     TorchNet,
     backprop,
     bump,
+    check_network,
     cross_entropy,
     cross_entropy_gradient,
     gradient_check,
@@ -803,6 +804,9 @@ BAD = [
     ("y", lambda: backprop(fresh(), X, Y[:3])),
     ("y", lambda: backprop(fresh(), X, np.ones((4, 1)))),
     ("y", lambda: backprop(fresh(), X, Y * np.inf)),
+    ("x", lambda: backprop(fresh(), [1.0, np.nan], Y[0])),
+    ("v", lambda: fresh().jvp(np.zeros(17))),
+    ("v", lambda: [net := fresh(), net.forward(X), net.jvp(np.zeros(16))]),
     ("cost", lambda: backprop(fresh(), X, Y, "hinge")),
     ("cost", lambda: gradient_check(fresh(), X, Y, "hinge")),
     ("h", lambda: gradient_check(fresh(), X, Y, h=0)),
@@ -834,6 +838,7 @@ BAD = [
     ("gradient", lambda: [o := SGD(1, 0.5), o.update(np.zeros(3), np.ones(3)), o.update(np.zeros(4), np.ones(4))]),
     ("x", lambda: sgd(fresh(), X[:0], Y[:0], optimizer=SGD(1), batch=1, epochs=1, rng=rng())),
     ("x", lambda: sgd(fresh(), X, Y[:3], optimizer=SGD(1), batch=1, epochs=1, rng=rng())),
+    ("x", lambda: sgd(fresh(), X, 1.0, optimizer=SGD(1), batch=1, epochs=1, rng=rng())),
     ("x", lambda: sgd(fresh(), X[0], Y[0], optimizer=SGD(1), batch=1, epochs=1, rng=rng())),
     ("x", lambda: sgd(fresh(), X * np.inf, Y, optimizer=SGD(1), batch=1, epochs=1, rng=rng())),
     ("y", lambda: sgd(fresh(), X, Y * np.nan, optimizer=SGD(1), batch=1, epochs=1, rng=rng())),
@@ -853,6 +858,7 @@ BAD = [
     ("momentum", lambda: SGD(1.0, momentum=False)),
     ("n", lambda: step_bump_network(f, 0)),
     ("interval", lambda: step_bump_network(f, 3, interval=(1, 0))),
+    ("interval", lambda: step_bump_network(f, 3, interval=(1, 1))),
     ("interval", lambda: step_bump_network(f, 3, interval=(0, np.inf))),
     ("w", lambda: step_bump_network(f, 3, w=-5.0)),
     ("heights", lambda: step_bump_network(f, 3, heights="top")),
@@ -871,14 +877,45 @@ def test_bad_input_names_the_argument(argument, call):
         call()
 
 
-def test_gradient_check_is_relative_to_the_larger_of_the_two():
-    class Tripled(MLP):
+@pytest.mark.parametrize("factor, error", [(3, 2 / 3), (1, 0), (1 / 3, 2 / 3), (0, 1)])
+def test_gradient_check_is_relative_to_the_larger_of_the_two(factor, error):
+    class Wrong(MLP):
         def backward(self, d_outputs):
-            return 3 * super().backward(d_outputs)
+            return factor * super().backward(d_outputs)
 
-    for net, error in ((Tripled, 2 / 3), (MLP, 0.0)):
-        net = net([2, 3, 1], dtype=np.float64, rng=rng())
-        assert gradient_check(net, [0.3, -0.5], [0.2]) == pytest.approx(error, abs=1e-6)
+    for y in (0.2, -2.0, 2.0):  # the output is above or below: derivatives of either sign
+        net = Wrong([2, 3, 1], dtype=np.float64, rng=rng())
+        assert gradient_check(net, [0.3, -0.5], [y]) == pytest.approx(error, abs=1e-6)
+
+
+def test_what_enters_takes_the_precision_of_the_network():
+    net, (x, _, _) = network(dtype=np.float32), problem([5, 3])
+    net.forward(x)
+    v, d = rng(3).standard_normal(net.n_parameters), rng(4).standard_normal((7, 3))
+    assert net.jvp(v.tolist()).dtype == np.float32
+    np.testing.assert_array_equal(net.jvp(v), net.jvp(v.astype(np.float32)))
+    np.testing.assert_array_equal(net.backward(d), net.backward(d.astype(np.float32)))
+
+
+def test_a_wrong_shape_is_answered_with_the_right_one():
+    net = network()
+    for x, shape in ((np.zeros(5), r"\(3,\)"), (np.zeros((2, 5)), r"\(2, 3\)")):
+        net.forward(x)
+        with pytest.raises(ValueError, match=rf"^d_outputs: got shape \(4,\), must be {shape}$"):
+            net.backward(np.zeros(4))
+
+
+def test_what_is_no_network_is_told_from_a_network_that_cannot_learn():
+    class Half:
+        forward = None
+
+    class Whole(Half):
+        backward = step = theta = None
+
+    with pytest.raises(ValueError, match="^actor: got Half, must be an MLP or a TorchNet$"):
+        check_network("actor", Half(), 2, 2)
+    with pytest.raises(ValueError, match="^actor: has no optimizer"):
+        check_network("actor", Whole(), 2, 2)
 
 
 def test_end_steps_stand_outside_by_a_part_of_the_interval():
