@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.mdp import check_count
+from rlcore.mdp import check_count, check_function
 
 __all__ = ["gradient_descent"]
 
@@ -15,7 +15,7 @@ def gradient_descent(gradient, v, epsilon, n_steps):
     """
     if not np.isfinite(epsilon):
         raise ValueError(f"epsilon: got {epsilon!r}, must be a finite number")
-    history = [float(v)]
+    history, gradient = [float(v)], check_function("gradient", gradient)
     for _ in range(check_count("n_steps", n_steps)):
         history.append(history[-1] - epsilon * gradient(history[-1]))
     return np.array(history)

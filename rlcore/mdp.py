@@ -446,6 +446,13 @@ def check_count(name, value, least=1):
     return int(value)
 
 
+def check_function(name, f):
+    """f; ValueError unless it can be called."""
+    if not callable(f):
+        raise ValueError(f"{name}: got {f!r}, must be a function")
+    return f
+
+
 # ---------------------------------------------------------------------- returns
 
 

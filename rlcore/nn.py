@@ -6,7 +6,7 @@ import numpy as np
 
 from rlcore.descent import gradient_descent
 from rlcore.digits import load_digits_28, load_mnist
-from rlcore.mdp import as_floats, check_count, check_rng
+from rlcore.mdp import as_floats, check_count, check_function, check_rng
 from rlcore.neurons import (
     ACTIVATIONS,
     COSTS,
@@ -213,6 +213,8 @@ def sgd(net, x, y, *, optimizer=None, batch, epochs, cost="quadratic", on_epoch=
         raise ValueError(f"x: got shape {x.shape} with y of shape {y.shape}, must be as many samples, one at least")
     batch, rng = len(x) if batch is None else check_count("batch", batch), check_rng(rng)
     net.optimizer = check_optimizer(optimizer) or net.optimizer
+    if on_epoch is not None:
+        check_function("on_epoch", on_epoch)
     (C, dC), x, history = check_name("cost", cost, COSTS), np.asarray(x, net.theta.dtype), np.zeros(epochs)
     for epoch in range(epochs):
         order = rng.permutation(len(x))
@@ -243,6 +245,7 @@ def step_bump_network(f, n, *, interval=(0.0, 1.0), w=1000.0, heights="centre", 
         raise ValueError(f"interval: got {interval!r}, must be two finite numbers, the lower first")
     if ends < 0:
         raise ValueError(f"ends: got {ends!r}, must be 0 or more")
+    check_function("f", f)
     edges = np.linspace(low, high, n + 1)
     if isinstance(heights, str):
         if heights not in ("centre", "mid-range"):

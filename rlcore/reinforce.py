@@ -4,7 +4,7 @@ import numpy as np
 
 from rlcore.compiled import compiled
 from rlcore.experience import FOREVER, act, books, check_max_steps, reset, run_loop, spaces
-from rlcore.mdp import FiniteMDP, check_count, check_gamma, check_rng, discounted_returns, is_number
+from rlcore.mdp import FiniteMDP, check_count, check_function, check_gamma, check_rng, discounted_returns, is_number
 from rlcore.nn import MLP, Adam, check_network
 from rlcore.policies import Categorical
 from rlcore.policy_gradient import (
@@ -189,6 +189,8 @@ def actor_critic(
 
 
 def _reinforce_network(env, net, critic, gamma, n_episodes, baseline, discount_states, max_steps, on_episode, rng):
+    if on_episode is not None:
+        check_function("on_episode", on_episode)
     returns, lengths, earlier = [], [], TimeBaseline()
     env.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
     play = _player(env, net, max_steps, rng)
@@ -237,6 +239,8 @@ class TimeBaseline:
 
 
 def _actor_critic_network(env, net, critic, gamma, n_episodes, discount_states, max_steps, on_episode, rng):
+    if on_episode is not None:
+        check_function("on_episode", on_episode)
     returns, lengths = [], []
     env.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
     for _ in range(n_episodes):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.mdp import check_count, check_gamma, check_probability
+from rlcore.mdp import check_count, check_function, check_gamma, check_probability
 from rlcore.optimizers import check_positive
 from rlcore.results import Run
 
@@ -208,8 +208,8 @@ class Episodes:
     """Returns and lengths of the episodes that ended so far, in order of time; steps counts all transitions."""
 
     def __init__(self, N, on_episode):
-        if on_episode is not None and not callable(on_episode):
-            raise ValueError(f"on_episode: got {on_episode!r}, must be a function of (return, steps_so_far)")
+        if on_episode is not None:
+            check_function("on_episode", on_episode)
         self.returns, self.lengths, self.steps, self.on_episode = [], [], 0, on_episode
         self._G, self._n = np.zeros(N), np.zeros(N, int)
 

@@ -861,6 +861,8 @@ BAD = [
     ("interval", lambda: step_bump_network(f, 3, interval=(1, 1))),
     ("interval", lambda: step_bump_network(f, 3, interval=(0, np.inf))),
     ("w", lambda: step_bump_network(f, 3, w=-5.0)),
+    ("f", lambda: step_bump_network(0.5, 3)),
+    ("on_epoch", lambda: sgd(fresh(), X, Y, optimizer=SGD(1), batch=1, epochs=1, on_epoch=7, rng=rng())),
     ("heights", lambda: step_bump_network(f, 3, heights="top")),
     ("heights", lambda: step_bump_network(f, 3, heights=[1, 2])),
     ("ends", lambda: step_bump_network(f, 3, ends=-0.1)),

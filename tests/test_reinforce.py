@@ -705,6 +705,11 @@ def net(*sizes, **more):
         (lambda: reinforce(C, n_episodes=1, record=-1, rng=rng()), "record: got -1"),
         (lambda: reinforce(C, n_episodes=1, net=net(4, 2), rng=rng()), "net: got"),
         (lambda: reinforce(C, n_episodes=1, on_episode=print, rng=rng()), "on_episode: got"),
+        (
+            lambda: reinforce("CartPole-v1", n_episodes=1, on_episode=3, rng=rng()),
+            "on_episode: got 3, must be a function",
+        ),
+        (lambda: actor_critic("CartPole-v1", n_episodes=1, on_episode=3, rng=rng()), "on_episode: got 3, must be"),
         (lambda: reinforce(recycling_robot(), n_episodes=1, rng=rng()), "max_steps: got None"),
         (lambda: reinforce("Pendulum-v1", n_episodes=1, rng=rng()), "must be Discrete: the policy is a softmax"),
         (lambda: reinforce("NoSuchWorld-v0", n_episodes=1, rng=rng()), "world: got 'NoSuchWorld-v0'"),

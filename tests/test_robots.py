@@ -5,6 +5,7 @@ from rlcore.bellman import greedy_actions, solve_policy
 from rlcore.dp import value_iteration
 from rlcore.envs import (
     arm_motion,
+    balance,
     can_robot,
     cartpole_step,
     myopic,
@@ -14,6 +15,7 @@ from rlcore.envs import (
     pole_return,
     push_pole,
     recycling_robot,
+    steps_upright,
 )
 from rlcore.envs.robots import BINNED, HELD
 from rlcore.mdp import discounted_return, discounted_returns, rollout, uniform_policy
@@ -217,3 +219,16 @@ def test_myopic_choice(gamma):
     best = value_iteration(myopic(), gamma)
     assert best.V[0] == pytest.approx(max(1, 10 * gamma**3), rel=1e-9)
     assert best.pi[0].argmax() == (gamma > 0.1 ** (1 / 3))
+
+
+@pytest.mark.parametrize("call, message", [
+    (lambda: pole_balancing(0, 1, max_steps=5, rng=rng()), "policy: got 0, must be a function"),
+    (lambda: pole_balancing(lambda x, rng: 0, 1, max_steps=None, rng=rng()), "max_steps: got None"),
+    (lambda: pole_continuing("left", 5, rng=rng()), "policy: got 'left', must be a function"),
+    (lambda: balance(1, rng=rng()), "choose: got 1, must be a function"),
+    (lambda: balance(lambda x: 0, 1.5, rng=rng()), "n_steps: got 1.5"),
+    (lambda: steps_upright(1, np.zeros((1, 4)), 5), "choose: got 1, must be a function"),
+])  # fmt: skip
+def test_a_policy_that_is_no_function_is_refused(call, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        call()

@@ -470,6 +470,23 @@ BAD = {
     "half a step": (lambda: sur.constrained_ascent(MDP, PI, 0.9, 0.5, delta=0.1), "n_steps: got 0.5"),
     "directions of another shape": (lambda: sur.policy_line(PI, PI[:2], 0.0), "direction: got shape (2, 3)"),
     "reach 0": (lambda: sur.mm_maximise(lambda t, new: new, 0.0, 2, reach=0), "reach: got 0"),
+    "a bound that is a number": (lambda: sur.mm_maximise(1.0, 0.0, 2), "bound: got 1.0, must be a function"),
+    "a hill that is a number": (
+        lambda: sur.backtracking_line_search(3, [1.0], [1.0], 1.0),
+        "f: got 3, must be a function",
+    ),
+    "an ascent without f": (
+        lambda: sur.trust_region_ascent(3, hill, hill, [1.0, 1.0], 1),
+        "f: got 3, must be a function",
+    ),
+    "an ascent without gradient": (
+        lambda: sur.trust_region_ascent(hill, None, hill, [1.0, 1.0], 1),
+        "gradient: got None, must be a function",
+    ),
+    "an ascent with one Hessian": (
+        lambda: sur.trust_region_ascent(hill, hill, PEAK, [1.0, 1.0], 1),
+        "hessian: got array",
+    ),
     "a way down": (lambda: sur.backtracking_line_search(hill, [1.0, 1.0], [1.0, 1.0], -7.0), "slope: got -7.0"),
     "a direction of another shape": (
         lambda: sur.backtracking_line_search(hill, [1.0, 1.0], [1.0], 1.0),
