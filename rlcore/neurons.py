@@ -33,7 +33,7 @@ def linear(z):
 
 ACTIVATIONS = {  # name: (f, f' as a function of z and a = f(z))
     "sigmoid": (sigmoid, lambda z, a: a * (1 - a)),
-    "relu": (relu, lambda z, a: np.greater(z, 0).astype(np.asarray(a).dtype)),  # 0 at z = 0
+    "relu": (relu, lambda z, a: np.greater(z, 0).astype(a.dtype)),  # 0 at z = 0
     "tanh": (tanh, lambda z, a: 1 - a * a),
     "linear": (linear, lambda z, a: np.ones_like(a)),
 }
@@ -71,8 +71,8 @@ def one_hot(k, n):
 
     k: a whole number, or (B,) of them. Returns (n,) or (B, n).
     """
-    k, n = _check_labels("k", k, check_count("n", n)), int(n)
-    return np.eye(n)[k]
+    n = check_count("n", n)
+    return np.eye(n)[_check_labels("k", k, n)]
 
 
 def quadratic_cost(a, y):
@@ -180,23 +180,25 @@ def _check_finite(name, value):
     return value
 
 
+def _floats(name, x):
+    """x as an array, of float32 where it is one, else of float64."""
+    return x if isinstance(x, np.ndarray) and x.dtype == np.float32 else as_floats(name, x)
+
+
 def _check_pair(a, y):
     """a and y as arrays of one shape, (d,) or (B, d), in a's precision."""
-    a = np.asarray(a) if isinstance(a, np.ndarray) and a.dtype == np.float32 else as_floats("a", a)
-    y = np.asarray(y, a.dtype) if isinstance(y, np.ndarray) and y.dtype == np.float32 else as_floats("y", y)
+    a, y = _floats("a", a), _floats("y", y)
     if a.shape != y.shape or a.ndim not in (1, 2) or not a.size:
         raise ValueError(f"y: got shape {y.shape} with a of shape {a.shape}, must be both (d,) or both (B, d)")
     return a, y.astype(a.dtype, copy=False)
 
 
 def _check_classes(logits, labels):
-    """logits as (B, K), labels as (B,) whole numbers below K."""
-    if not (isinstance(logits, np.ndarray) and logits.dtype == np.float32):
-        logits = as_floats("logits", logits)
-    shape = np.shape(labels)
+    """logits as (B, K), labels as whole numbers below K, (B,) or one."""
+    logits, shape = _floats("logits", logits), np.shape(labels)
     if logits.ndim not in (1, 2) or not logits.size or shape != logits.shape[:-1]:
         raise ValueError(f"labels: got shape {shape}, must be {logits.shape[:-1]} for logits of shape {logits.shape}")
-    return np.atleast_2d(logits), np.atleast_1d(_check_labels("labels", labels, logits.shape[-1]))
+    return np.atleast_2d(logits), _check_labels("labels", labels, logits.shape[-1])
 
 
 def _check_labels(name, k, n):

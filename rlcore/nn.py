@@ -245,13 +245,12 @@ def step_bump_network(f, n, *, interval=(0.0, 1.0), w=1000.0, heights="centre", 
         raise ValueError(f"interval: got {interval!r}, must be two finite numbers, the lower first")
     if ends < 0:
         raise ValueError(f"ends: got {ends!r}, must be 0 or more")
-    check_function("f", f)
     edges = np.linspace(low, high, n + 1)
     if isinstance(heights, str):
         if heights not in ("centre", "mid-range"):
             raise ValueError(f'heights: got {heights!r}, allowed are "centre", "mid-range" and ({n},) numbers')
         inside = np.linspace(edges[:-1], edges[1:], 201, axis=1)
-        values = f(inside)
+        values = check_function("f", f)(inside)
         heights = values[:, 100] if heights == "centre" else (values.min(axis=1) + values.max(axis=1)) / 2
     h = as_floats("heights", heights)
     if h.shape != (n,):

@@ -38,6 +38,7 @@ from rlcore.nn import (
     tanh,
     tower,
 )
+from rlcore.neurons import log_softmax, softmax
 
 PRINTED = np.array([0.20, 0.10, 0.55, 0.15, 0.28, 0.30, 0.25, 0.10, 0.21, 0.28])  # the document's a(x)
 TOLERANCE = {np.float32: 1e-5, np.float64: 1e-10}
@@ -819,6 +820,7 @@ BAD = [
     ("a", lambda: quadratic_gradient(["p"], [1.0])),
     ("k", lambda: one_hot(10, 10)),
     ("k", lambda: one_hot(-1, 10)),
+    ("k", lambda: one_hot([[0, 1], [1, 0]], 2)),
     ("n", lambda: one_hot(0, 0)),
     ("x", lambda: neuron([1, 2], [1, 2, 3])),
     ("x", lambda: neuron([[1, 2]], [1, 2])),
@@ -888,6 +890,36 @@ def test_gradient_check_is_relative_to_the_larger_of_the_two(factor, error):
     for y in (0.2, -2.0, 2.0):  # the output is above or below: derivatives of either sign
         net = Wrong([2, 3, 1], dtype=np.float64, rng=rng())
         assert gradient_check(net, [0.3, -0.5], [y]) == pytest.approx(error, abs=1e-6)
+
+
+def test_costs_take_whole_numbers_for_what_they_are_and_give_plain_numbers():
+    assert quadratic_cost(np.array([1, 0]), np.array([0.5, 0.5])) == 0.25
+    assert one_hot(1, 3.0).tolist() == [0, 1, 0]
+    a, y = np.ones((2, 3), np.float32), np.zeros((2, 3), np.float32)
+    for cost in (quadratic_cost(a, y), quadratic_cost(a[0], y[0]), cross_entropy(a, np.array([0, 1]))):
+        assert type(cost) is float
+    assert quadratic_gradient(a, y).dtype == cross_entropy_gradient(a, np.array([0, 1])).dtype == np.float32
+
+
+def test_softmax_of_vectors_matrices_and_stacks():
+    z = np.log(np.arange(1.0, 25).reshape(2, 3, 4))
+    for logits in (z[0, 0], z[0], z):
+        p = np.exp(logits)
+        np.testing.assert_allclose(softmax(logits), p / p.sum(axis=-1, keepdims=True), rtol=1e-14)
+        np.testing.assert_allclose(np.exp(log_softmax(logits + 1e4)), softmax(logits), rtol=1e-9)
+
+
+def test_steps_bumps_and_towers_are_as_steep_as_their_weight():
+    x, y = np.linspace(0.28, 0.32, 9), np.linspace(0.68, 0.72, 9)
+    for w in (1000.0, 30.0):
+        given = dict(w=w) if w == 30 else {}  # 1000 where nothing is said
+        step = sigmoid(w * (x - 0.3))
+        np.testing.assert_allclose(step_neuron(x, 0.3, **given), step, rtol=1e-9)
+        b = 2 * (step - sigmoid(w * (x - 0.6)))
+        np.testing.assert_allclose(bump(x, 0.3, 0.6, 2.0, **given), b, rtol=1e-9, atol=1e-15)
+        both = b / 2 + sigmoid(w * (y - 0.4)) - sigmoid(w * (y - 0.7))
+        made = tower(x, y, (0.3, 0.6), (0.4, 0.7), 3.0, **given)
+        np.testing.assert_allclose(made, 3 * sigmoid(w * (both - 1.5)), rtol=1e-9, atol=1e-15)
 
 
 def test_what_enters_takes_the_precision_of_the_network():
