@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from rlcore.neurons import log_softmax, softmax
 from rlcore.nn import (
     ACTIVATIONS,
     COSTS,
@@ -38,7 +39,6 @@ from rlcore.nn import (
     tanh,
     tower,
 )
-from rlcore.neurons import log_softmax, softmax
 
 PRINTED = np.array([0.20, 0.10, 0.55, 0.15, 0.28, 0.30, 0.25, 0.10, 0.21, 0.28])  # the document's a(x)
 TOLERANCE = {np.float32: 1e-5, np.float64: 1e-10}
