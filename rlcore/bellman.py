@@ -141,12 +141,10 @@ def solve_policy(mdp, pi, gamma):
 
 def _solve_system(P, r, gamma, terminal):
     """V with V = r + gamma P V and V = 0 on terminal states."""
-    if gamma == 1 and not (reaches := _reaches(P, terminal)).all():
-        s = np.flatnonzero(~reaches)[0]
-        raise ValueError(f"pi: never terminates from state {s}, must reach a terminal state when gamma = 1")
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import spsolve
 
+    _require_end(P, gamma, terminal)
     go = np.flatnonzero(~terminal)
     V = np.zeros(terminal.size)
     P = P[go][:, go]
@@ -155,6 +153,26 @@ def _solve_system(P, r, gamma, terminal):
     else:
         V[go] = np.linalg.solve(np.eye(go.size) - gamma * P.toarray(), r[go])
     return V
+
+
+def _require_end(P, gamma, terminal):
+    """ValueError where a system with P would be singular."""
+    if gamma == 1 and not (reaches := _reaches(P, terminal)).all():
+        s = np.flatnonzero(~reaches)[0]
+        raise ValueError(f"pi: never terminates from state {s}, must reach a terminal state when gamma = 1")
+
+
+def expected_visits(mdp, pi, gamma):
+    """Expected discounted number of visits to each state from the start distribution, (S,); 0 at terminal states.
+
+    The solution of mu = start + gamma P_pi^T mu, which weights the states in the policy gradient. eq-u-pg-theorem
+    Raises ValueError as `solve_policy` does. Source: Puterman (1994), section 6.9.
+    """
+    gamma, P, go = check_gamma(gamma), policy_matrix(mdp, pi)[0], ~mdp.terminal
+    _require_end(P, gamma, mdp.terminal)
+    P, visits = P.toarray()[go][:, go], np.zeros(mdp.n_states)
+    visits[go] = np.linalg.solve(np.eye(len(P)) - gamma * P.T, mdp.start[go])
+    return visits
 
 
 def deterministic_policies(mdp):

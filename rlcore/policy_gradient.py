@@ -4,7 +4,7 @@ from math import exp
 
 import numpy as np
 
-from rlcore.bellman import policy_matrix, q_from_v, solve_policy
+from rlcore.bellman import expected_visits, q_from_v, solve_policy
 from rlcore.compiled import compiled
 from rlcore.experience import act, check_max_steps, reset, run_loop, spaces
 from rlcore.mdp import (
@@ -142,10 +142,8 @@ def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
     X, gamma = _features(features, check_mdp(mdp).n_states), check_gamma(gamma)
     pi = softmax_policy(_shaped(mdp, theta, X), X, mdp.legal)
     V = solve_policy(mdp, pi, gamma) if V is None else V
-    Q, go = np.where(mdp.legal, q_from_v(mdp, V, gamma), 0.0), ~mdp.terminal
-    P, visits = policy_matrix(mdp, pi)[0].toarray()[go][:, go], np.zeros(mdp.n_states)
-    visits[go] = np.linalg.solve(np.eye(len(P)) - gamma * P.T, mdp.start[go])
-    d_h = visits[:, None] * pi * (Q - (pi * Q).sum(axis=1, keepdims=True))  # eq-u-pg-theorem
+    Q = np.where(mdp.legal, q_from_v(mdp, V, gamma), 0.0)
+    d_h = expected_visits(mdp, pi, gamma)[:, None] * pi * (Q - (pi * Q).sum(axis=1, keepdims=True))  # eq-u-pg-theorem
     return d_h.T @ X
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.bellman import policy_matrix, q_from_v, solve_policy
+from rlcore.bellman import expected_visits, q_from_v, solve_policy
 from rlcore.mdp import as_floats, check_count, check_function, check_gamma, check_policy
 from rlcore.optimizers import check_fraction, check_nonnegative, check_positive
 from rlcore.policies import log_softmax
@@ -52,12 +52,10 @@ class OldPolicy:
 
 
 def old_policy(mdp, pi, gamma):
-    """pi (S, A) as an OldPolicy; two linear solves. alg-trpo, om-trpo-step"""
+    """pi (S, A) as an OldPolicy. alg-trpo, om-trpo-step"""
     pi, go = check_policy(mdp, pi), ~mdp.terminal
     A = np.where(mdp.legal & go[:, None], advantage(mdp, pi, gamma), 0.0)
-    P, visits = policy_matrix(mdp, pi)[0].toarray()[go][:, go], np.zeros(mdp.n_states)
-    visits[go] = np.linalg.solve(np.eye(len(P)) - gamma * P.T, mdp.start[go])
-    return OldPolicy(pi, check_gamma(gamma), eta(mdp, pi, gamma), A, visits)
+    return OldPolicy(pi, check_gamma(gamma), eta(mdp, pi, gamma), A, expected_visits(mdp, pi, gamma))
 
 
 # ---------------------------------------------------------------------- objectives of the new policy

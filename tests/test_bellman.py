@@ -9,6 +9,7 @@ from rlcore.bellman import (
     deterministic_policies,
     expectation_backup,
     expectation_backup_q,
+    expected_visits,
     greedy,
     greedy_actions,
     heuristic_search,
@@ -125,6 +126,28 @@ def test_value_of_a_policy_is_the_fixed_point(mdp, gamma):
     assert (1 - gamma) * np.abs(expectation_backup_q(mdp, pi, q, gamma)[legal] - q[legal]).max() < 1e-12
     assert_allclose(v_from_q(q, pi), v, atol=1e-10 / (1 - gamma))
     assert not v[mdp.terminal].any()
+
+
+@pytest.mark.parametrize("gamma", [0.0, 0.3, 0.9])
+def test_rewards_weighted_with_visits_are_the_value_of_the_start(mdp, gamma):
+    pi = random_policy(mdp)
+    visits, (P, r) = expected_visits(mdp, pi, gamma), policy_matrix(mdp, pi)
+    assert visits @ r == pytest.approx(mdp.start @ solve_policy(mdp, pi, gamma), rel=1e-12, abs=1e-12)
+    go = ~mdp.terminal
+    assert_allclose(visits[go], (mdp.start + gamma * P.T @ visits)[go], atol=1e-12)
+    assert not visits[mdp.terminal].any()
+    if go.all():
+        assert visits.sum() == pytest.approx(1 / (1 - gamma))
+
+
+def test_visits_without_discount_are_those_of_the_fair_walk():
+    # from the middle of 7 places: 2 (distance to the nearer end) (4) / 8 visits, of 16 steps in all
+    visits = expected_visits(random_walk(7), uniform_policy(random_walk(7)), 1.0)
+    assert_allclose(visits, [0, 1, 2, 3, 4, 3, 2, 1, 0], atol=1e-12)
+    with pytest.raises(ValueError, match="pi: never terminates from state 0"):
+        expected_visits(loop(), [[1.0]], 1.0)
+    with pytest.raises(ValueError, match="gamma: got 1.1"):
+        expected_visits(loop(), [[1.0]], 1.1)
 
 
 def test_markov_reward_process_of_a_policy(mdp):
