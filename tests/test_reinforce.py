@@ -15,8 +15,9 @@ from rlcore.bellman import solve_policy
 from rlcore.compiled import HAVE_NUMBA
 from rlcore.envs import MDPEnv, random_mdp, random_walk, recycling_robot, short_corridor
 from rlcore.envs.poker import bluff_gradients, bluff_guarantee, bluff_learning, bluff_values
-from rlcore.mdp import FiniteMDP
+from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.nn import MLP, SGD, Adam, TorchNet
+from rlcore.policy_gradient import _choose
 from rlcore.reinforce import (
     actor_critic,
     episode_gradient,
@@ -324,6 +325,74 @@ def two_step():
 def z(estimates, exact):
     error = estimates.std(axis=0) / len(estimates) ** 0.5
     return abs((estimates.mean(axis=0) - exact) / np.where(error > 0, error, np.inf)).max()
+
+
+class Logged(gym.Wrapper):
+    """Keeps (states, actions, rewards) of each episode."""
+
+    def reset(self, **options):
+        s, info = self.env.reset(**options)
+        self.episodes = [*getattr(self, "episodes", []), ([s], [], [])]
+        return s, info
+
+    def step(self, action):
+        s, r, *rest = self.env.step(action)
+        for kept, value in zip(self.episodes[-1], (s, action, r)):
+            kept.append(value)
+        return s, r, *rest
+
+
+V_3 = np.array([1.0, -2.0, 0.5, 0.0])
+ESTIMATES = {
+    "as in the box": {},
+    "discounted": dict(discount_states=True),
+    "less a number": dict(baseline=-3.0),
+    "less a number for each state": dict(baseline=V_3),
+    "less a number for each action": dict(baseline=np.outer(V_3, [1.0, -1.0])),
+    "of another policy": dict(acting=right_with(0.2)),
+    "of another policy, not corrected": dict(acting=right_with(0.2), corrected=False),
+    "cut after 5 steps": dict(max_steps=5),
+}
+
+
+@pytest.mark.parametrize("case", ESTIMATES)
+def test_estimates_are_the_sums_over_the_episodes(case):
+    """The corridor at right with probability 0.05: some episodes have more than 128 steps, so that storage grows."""
+    settings, gamma, world = ESTIMATES[case], 0.97, Logged(MDPEnv(short_corridor()))
+    found = gradient_estimates(world, START, gamma, 25, features=ALIKE, rng=rng(4), **settings)
+    pi = softmax_policy(START, [[1.0]])[0]
+    mu = softmax_policy(settings.get("acting", START), [[1.0]])[0]
+    b = np.asarray(settings.get("baseline", 0.0), float)
+    b = np.broadcast_to(b[:, None] if b.ndim == 1 else b, (4, 2))
+    episodes = [episode for episode in world.episodes if episode[1]]
+    assert len(found) == len(episodes) == 25
+    for g, (states, actions, rewards) in zip(found, episodes):
+        G = discounted_returns(np.array(rewards), gamma)
+        ratio = np.prod(pi[actions] / mu[actions]) if settings.get("corrected", True) else 1.0
+        discount = gamma ** np.arange(len(actions)) if "discount_states" in settings else 1.0
+        weight = ratio * discount * (G - b[states[:-1], actions])
+        right = [np.sum(weight * (np.equal(actions, a) - pi[a])) for a in (0, 1)]
+        np.testing.assert_allclose(g[:, 0], right, rtol=1e-9, atol=1e-12)
+    lengths = [len(actions) for _, actions, _ in episodes]
+    assert max(lengths) == 5 if case.startswith("cut") else max(lengths) > (128 if "acting" not in settings else 16)
+
+
+def test_actions_are_drawn_by_inverting_the_cumulative_probabilities():
+    pi = np.array([0.0, 0.3, 0.0, 0.6, 0.1, 0.0])
+    for seed in range(200):
+        right = np.searchsorted(np.cumsum(pi), rng(seed).random(), side="right")
+        assert _choose(pi, rng(seed)) == right
+    assert _choose(pi * 1e-9, rng()) == 4  # what rounding leaves over goes to the last that can be drawn
+
+
+def test_lists_serve_as_arrays_do():
+    theta, x = [[0.1, 0.2], [0.3, -0.4]], [0.5, 1.0]
+    np.testing.assert_array_equal(grad_log_softmax(theta, x, 1), grad_log_softmax(np.array(theta), np.array(x), 1))
+    episode = [0, 1], [1, 0], [1.0, 2.0]
+    for features in (None, [x, x]):
+        one, other = (episode_gradient(t, *episode, 0.9, features=features) for t in (theta, np.array(theta)))
+        np.testing.assert_array_equal(one, other)
+    assert type(objective(two_step(), np.zeros((2, 3)), 0.9)) is float
 
 
 @many_runs
