@@ -56,7 +56,7 @@ def grad_log_softmax(theta, x, a):
     x: (d,) features of one state.
     """
     theta = _parameters("theta", theta)
-    x, a = _features([x], None, theta.shape[1])[0], int(_indices("a", a, len(theta)))
+    x, a = _features([x], None, theta.shape[1])[0], _indices("a", a, len(theta))
     return np.outer(np.eye(len(theta))[a] - softmax(theta @ x), x)  # om-score
 
 
@@ -139,7 +139,7 @@ def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
     V: (S,) values instead of v_pi: what one-step actor-critic follows on average while its critic holds V.
     Source: Sutton et al. (2000), theorem 1.
     """
-    X, gamma = _features(features, check_mdp(mdp).n_states), check_gamma(gamma)
+    X = _features(features, check_mdp(mdp).n_states)
     pi = softmax_policy(_shaped(mdp, theta, X), X, mdp.legal)
     V = solve_policy(mdp, pi, gamma) if V is None else V
     Q = np.where(mdp.legal, q_from_v(mdp, V, gamma), 0.0)
