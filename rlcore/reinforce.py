@@ -330,13 +330,13 @@ def _is_box(world):
 def _networks(env, net, critic, alpha, alpha_w, rng):
     """net and critic, made where None; critic = False: none is wanted."""
     n, A = env.observation_space.shape[0], int(env.action_space.n)
-    net = _network(net, n, A, alpha, rng) if net is None else check_network("net", net, n, A)
+    net = _network(n, A, alpha, rng) if net is None else check_network("net", net, n, A)
     if critic is False:
         return net, None
-    return net, _network(critic, n, 1, alpha_w, rng) if critic is None else check_network("critic", critic, n, 1)
+    return net, _network(n, 1, alpha_w, rng) if critic is None else check_network("critic", critic, n, 1)
 
 
-def _network(net, n_in, n_out, alpha, rng):
+def _network(n_in, n_out, alpha, rng):
     return MLP([n_in, 32, n_out], optimizer=Adam(_check_step("alpha_w", alpha)), rng=rng)
 
 

@@ -377,6 +377,17 @@ def test_estimates_are_the_sums_over_the_episodes(case):
     assert max(lengths) == 5 if case.startswith("cut") else max(lengths) > (128 if "acting" not in settings else 16)
 
 
+def test_long_episodes_move_theta_as_short_ones_do():
+    """The corridor again: storage grows twice, and the second episode starts with what the first one left in it."""
+    world = Logged(MDPEnv(short_corridor()))
+    settings = dict(gamma=0.97, alpha=1e-3, features=ALIKE, theta0=START, discount_states=True, baseline=-3.0)
+    run = reinforce(world, n_episodes=8, rng=rng(4), **settings)
+    assert run.lengths.max() > 128 and run.lengths.min() < 64
+    for before, after, episode in zip(run.history, run.history[1:], (e for e in world.episodes if e[1])):
+        g = episode_gradient(before, *episode, 0.97, features=ALIKE, discount_states=True, baseline=-3.0)
+        np.testing.assert_allclose(after, before + 1e-3 * g, rtol=1e-12)
+
+
 def test_actions_are_drawn_by_inverting_the_cumulative_probabilities():
     pi = np.array([0.0, 0.3, 0.0, 0.6, 0.1, 0.0])
     for seed in range(200):
