@@ -381,7 +381,7 @@ def test_long_episodes_move_theta_as_short_ones_do():
     """The corridor again: storage grows twice, and the second episode starts with what the first one left in it."""
     world = Logged(MDPEnv(short_corridor()))
     settings = dict(gamma=0.97, alpha=1e-3, features=ALIKE, theta0=START, discount_states=True, baseline=-3.0)
-    run = reinforce(world, n_episodes=8, rng=rng(4), **settings)
+    run = reinforce(world, n_episodes=8, rng=rng(1), **settings)
     assert run.lengths.max() > 128 and run.lengths.min() < 64
     for before, after, episode in zip(run.history, run.history[1:], (e for e in world.episodes if e[1])):
         g = episode_gradient(before, *episode, 0.97, features=ALIKE, discount_states=True, baseline=-3.0)
