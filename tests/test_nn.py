@@ -920,6 +920,8 @@ def test_steps_bumps_and_towers_are_as_steep_as_their_weight():
         both = b / 2 + sigmoid(w * (y - 0.4)) - sigmoid(w * (y - 0.7))
         made = tower(x, y, (0.3, 0.6), (0.4, 0.7), 3.0, **given)
         np.testing.assert_allclose(made, 3 * sigmoid(w * (both - 1.5)), rtol=1e-9, atol=1e-15)
+    half = sigmoid(1000 * (sigmoid(1e-3) - 0.5))  # a millionth inside the edge
+    assert tower(0.3 + 1e-6, 0.5, (0.3, 0.9), (0.0, 1.0), 3.0) == pytest.approx(3 * half, rel=1e-6)
 
 
 def test_what_enters_takes_the_precision_of_the_network():
