@@ -67,7 +67,7 @@ def _probabilities(pi, theta, x, legal, p_min):
     One number at a time, beside neurons.softmax: 3 times as fast as arrays in compiled loops, and the same bits without
     numba, whose exp of an array differs from numpy's.
     """
-    top, total, n_low, rest = -np.inf, 0.0, 0, 0.0
+    top, total = -np.inf, 0.0
     for a in range(pi.size):
         pi[a] = -np.inf
         if legal[a]:
@@ -80,14 +80,18 @@ def _probabilities(pi, theta, x, legal, p_min):
         total += pi[a]
     for a in range(pi.size):
         pi[a] /= total  # om-softmax
-        if legal[a] and pi[a] < p_min:
-            n_low += 1
-        else:
-            rest += pi[a]
-    if n_low > 0:
+    n_low, before, scale = 0, -1, 1.0
+    while n_low > before:  # what is scaled down may fall below the floor in its turn
+        before, n_low, rest = n_low, 0, 0.0
         for a in range(pi.size):
-            if legal[a]:
-                pi[a] = p_min if pi[a] < p_min else pi[a] * (1.0 - n_low * p_min) / rest
+            if legal[a] and pi[a] * scale < p_min:
+                n_low += 1
+            else:
+                rest += pi[a]
+        scale = (1.0 - n_low * p_min) / rest if n_low > 0 else 1.0
+    for a in range(pi.size):
+        if legal[a]:
+            pi[a] = max(pi[a] * scale, p_min)
     return pi
 
 

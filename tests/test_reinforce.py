@@ -1,3 +1,4 @@
+import inspect
 import json
 import re
 import subprocess
@@ -69,6 +70,11 @@ def test_floor_raises_what_is_below_and_the_others_share_the_rest():
     theta = np.log([[0.01], [0.09], [0.9]])
     np.testing.assert_allclose(softmax_policy(theta, p_min=0.05), [[0.05, 0.95 / 11, 0.95 * 10 / 11]], atol=1e-15)
     np.testing.assert_allclose(softmax_policy(START, p_min=0.1), [[0.9, 0.1]], atol=1e-15)
+    theta = np.log([[0.01], [0.051], [0.939]])  # 0.051 falls below the floor once it makes room for 0.05
+    np.testing.assert_allclose(softmax_policy(theta, p_min=0.05), [[0.05, 0.05, 0.9]], atol=1e-15)
+    legal = [[True, False, True, True]]
+    theta = np.log([[1e-9], [0.5], [1e-6], [0.5]])
+    np.testing.assert_allclose(softmax_policy(theta, [[1.0]], legal, p_min=0.2), [[0.2, 0.0, 0.2, 0.6]], atol=1e-15)
     np.testing.assert_array_equal(softmax_policy(START, p_min=0.05), softmax_policy(START))
 
 
@@ -393,6 +399,13 @@ def test_actions_are_drawn_by_inverting_the_cumulative_probabilities():
     for seed in range(200):
         right = np.searchsorted(np.cumsum(pi), rng(seed).random(), side="right")
         assert _choose(pi, rng(seed)) == right
+
+    class Fixed:
+        def __init__(self, u):
+            self.random = lambda: u
+
+    interpreted = inspect.unwrap(_choose)
+    assert [interpreted(np.array([0.5, 0.25, 0.25]), Fixed(u)) for u in (0.0, 0.49, 0.5, 0.75, 0.99)] == [0, 0, 1, 2, 2]
     assert _choose(pi * 1e-9, rng()) == 4  # what rounding leaves over goes to the last that can be drawn
 
 
@@ -400,6 +413,7 @@ def test_lists_serve_as_arrays_do():
     theta, x = [[0.1, 0.2], [0.3, -0.4]], [0.5, 1.0]
     np.testing.assert_array_equal(grad_log_softmax(theta, x, 1), grad_log_softmax(np.array(theta), np.array(x), 1))
     episode = [0, 1], [1, 0], [1.0, 2.0]
+    theta, x = [[0.1, 0.2, 0.0], [0.3, -0.4, 1.0]], [0.5, 1.0, 2.0]
     for features in (None, [x, x]):
         one, other = (episode_gradient(t, *episode, 0.9, features=features) for t in (theta, np.array(theta)))
         np.testing.assert_array_equal(one, other)
@@ -537,6 +551,15 @@ def test_estimates_of_a_process_and_of_its_environment_have_the_same_bits():
         for w in (awkward(2, start=0), MDPEnv(awkward(2, start=0)))
     ]
     np.testing.assert_array_equal(*g)
+
+
+def test_no_limit_is_needed_where_every_episode_ends():
+    theta = np.zeros((2, 3))
+    g = [gradient_estimates(two_step(), theta, 0.9, 20, max_steps=limit, rng=rng(1)) for limit in (None, 1000)]
+    np.testing.assert_array_equal(*g)
+    for learn in (reinforce, actor_critic):
+        runs = [learn(two_step(), n_episodes=20, max_steps=limit, rng=rng(1)) for limit in (None, 1000)]
+        np.testing.assert_array_equal(runs[0].history, runs[1].history)
 
 
 def test_record_thins_the_history():
@@ -819,6 +842,21 @@ def net(*sizes, **more):
         (lambda: gradient_estimates(C, np.zeros((2, 4)), 1.5, 5, rng=rng()), "gamma: got 1.5"),
         (lambda: gradient_estimates(C, np.zeros((2, 4)), 1.0, 0, rng=rng()), "n_episodes: got 0"),
         (lambda: softmax_policy(np.zeros((2, 4)), p_min=0.6), "p_min: got 0.6"),
+        (lambda: softmax_policy(np.zeros((2, 2)), None, [[True, True], [False, False]]), "legal: got shape (2, 2)"),
+        (lambda: softmax_policy([[0.0, np.inf], [0.0, 0.0]]), "theta: contains"),
+        (lambda: softmax_policy(np.zeros((2, 4)), np.ones((3, 2))), "features: got shape (3, 2), must be (S, 4)"),
+        (lambda: softmax_policy(np.zeros((2, 4)), [[1, 2, 3, np.nan]]), "features: contains"),
+        (lambda: grad_log_softmax(np.zeros((2, 4)), np.ones(3), 0), "features: got shape (1, 3), must be (S, 4)"),
+        (lambda: episode_gradient(np.zeros((2, 4)), [0, 9], [0, 0], [0.0, 0.0], 1.0), "states: got 0..9"),
+        (lambda: objective(3, np.zeros((2, 4)), 0.9), "mdp: got"),
+        (
+            lambda: objective(C, np.zeros((2, 4)), 0.9, features=np.ones((4, 0))),
+            "features: got shape (4, 0), must be (4,",
+        ),
+        (lambda: gradient_ascent(C, np.zeros((2, 4)), 0.9, 1, alpha="0.1"), "alpha: got '0.1'"),
+        (lambda: gradient_ascent(C, np.zeros((2, 4)), 0.9, 1, alpha=np.inf), "alpha: got inf"),
+        (lambda: gradient_estimates(C, np.zeros((2, 4)), 1.0, 5, rng=0), "rng: got 0"),
+        (lambda: gradient_estimates(C, np.zeros((2, 4)), 1.0, 5, baseline=[0, 0, 0, np.nan], rng=rng()), "baseline: "),
         (lambda: policy_gradient_exact(C, np.zeros((2, 4)), 1.5, V=np.zeros(4)), "gamma: got 1.5"),
         (lambda: gradient_estimates(loop(), np.zeros((1, 1)), 0.9, 5, rng=rng()), "max_steps: got None"),
         (lambda: episode_gradient(np.zeros((2, 4)), [0], [2], [1.0], 1.0), "actions: got 2..2"),
