@@ -589,6 +589,42 @@ def test_chapter_3_keeps_its_numbers():
     np.testing.assert_allclose(run.policy, np.outer([1, -1], [0.18073221, 0.18010411]), atol=1e-8)
 
 
+def test_chapter_3_s_form_by_hand():
+    alpha, gamma, scale, taken = 0.1, 0.9, np.array([1.0, 4.0]), []
+
+    def step(x, a):
+        taken.append(a)
+        return x + np.array([a - 0.5, 1.0])
+
+    run = reinforce_linear(
+        lambda rng: rng.uniform(-1, 1, 2), step, lambda x: abs(x[0]) < 2, 2, gamma, 4,
+        alpha=alpha, scale=scale, max_steps=12, rng=rng(3),
+    )  # fmt: skip
+    g, W, actions = rng(3), np.zeros((2, 2)), iter(taken)
+    g.uniform(-1, 1, 2)  # the first start says how long a state is
+    for k, length in enumerate(run.lengths):
+        x, rows, moves = g.uniform(-1, 1, 2), [], []
+        while len(rows) < 12 and abs(x[0]) < 2:
+            p = softmax(W @ (x / scale))
+            a = int(g.random() >= p[0])
+            assert a == next(actions)
+            rows.append(x / scale)
+            moves.append(np.eye(2)[a] - p)
+            x = x + np.array([a - 0.5, 1.0])
+        assert len(rows) == length == run.returns[k]
+        G = np.array([sum(gamma**i for i in range(length - t)) for t in range(length)])
+        W = W + alpha * sum((G[t] - G.mean()) * np.outer(moves[t], rows[t]) for t in range(length)) / length
+        np.testing.assert_allclose(run.history[k + 1], W, atol=1e-12)
+    np.testing.assert_array_equal(run.history[0], 0)
+    np.testing.assert_array_equal(run.policy, run.history[-1])
+    assert 12 in run.lengths and run.lengths.min() < 12
+
+
+def test_chapter_3_s_form_stops_after_200_steps():
+    run = reinforce_linear(lambda rng: np.zeros(2), lambda x, a: x, lambda x: True, 2, 0.9, 2, alpha=0.1, rng=rng())
+    assert run.lengths.tolist() == [200, 200] and len(run.history) == 3
+
+
 # ---------------------------------------------------------------------- networks
 
 
@@ -716,11 +752,39 @@ def test_same_rng_same_network_and_max_steps_cuts():
     assert runs[0].lengths.max() <= 20 and runs[0].policy.theta.dtype == np.float32
 
 
-def test_on_episode_hears_of_each_and_may_stop():
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_what_is_not_said_is_the_default(learn):
+    said = dict(gamma=0.99, alpha=0.01, alpha_w=0.01, discount_states=False)
+    kept = dict(baseline=None) if learn is reinforce else {}
+    linear = dict(features=None, theta0=0.0, w0=0.0, p_min=0.0, record=1)
+    linear |= dict(every_step=False) if learn is reinforce else {}
+    one, two = (learn(two_step(), n_episodes=30, rng=rng(2), **more) for more in ({}, said | kept | linear))
+    np.testing.assert_array_equal(one.history, two.history)
+    for baseline in [dict(baseline="value"), kept] if learn is reinforce else [kept]:
+        one, two = (learn("CartPole-v1", n_episodes=4, rng=rng(2), **baseline, **more) for more in ({}, said))
+        made = [MLP([4, 32, n], optimizer=Adam(0.01), rng=g) for g in [rng(2)] for n in (2, 1)]
+        critic = made[1] if learn is actor_critic or "value" in baseline.values() else None
+        assert one.policy.sizes == [4, 32, 2] and (one.V is None) == (critic is None)
+        for run in (one, two):
+            assert type(run.policy.optimizer) is Adam and run.policy.optimizer.lr == 0.01
+            assert not np.array_equal(run.policy.theta, made[0].theta)
+        np.testing.assert_array_equal(one.policy.theta, two.policy.theta)
+        if critic:
+            np.testing.assert_array_equal(one.V.theta, two.V.theta)
+            assert one.V.sizes == [4, 32, 1] and one.V.optimizer.lr == 0.01
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_step_sizes_go_to_their_networks(learn):
+    settings = dict(baseline="value") if learn is reinforce else {}
+    run = learn("CartPole-v1", n_episodes=2, alpha=0.02, alpha_w=0.03, rng=rng(), **settings)
+    assert (run.policy.optimizer.lr, run.V.optimizer.lr) == (0.02, 0.03)
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_on_episode_hears_of_each_and_may_stop(learn):
     heard = []
-    run = reinforce(
-        "CartPole-v1", n_episodes=50, rng=rng(), on_episode=lambda *news: heard.append(news) or len(heard) == 7
-    )
+    run = learn("CartPole-v1", n_episodes=50, rng=rng(), on_episode=lambda *news: heard.append(news) or len(heard) == 7)
     assert run.returns.size == 7
     np.testing.assert_array_equal(heard, np.column_stack([run.returns, np.cumsum(run.lengths)]))
 
@@ -782,6 +846,11 @@ def test_policy_gradient_finds_the_bluff_and_epsilon_greedy_does_not():
 C = short_corridor()
 
 
+def linear_form(**change):
+    call = dict(n_actions=2, gamma=0.9, n_episodes=1, alpha=0.1, rng=rng()) | change
+    return reinforce_linear(lambda rng: np.zeros(1), lambda x, a: x, lambda x: False, **call)
+
+
 def net(*sizes, **more):
     return MLP(list(sizes), rng=rng(), **more)
 
@@ -808,6 +877,14 @@ def net(*sizes, **more):
         (lambda: reinforce(C, n_episodes=1, record=-1, rng=rng()), "record: got -1"),
         (lambda: reinforce(C, n_episodes=1, net=net(4, 2), rng=rng()), "net: got"),
         (lambda: reinforce(C, n_episodes=1, on_episode=print, rng=rng()), "on_episode: got"),
+        (lambda: actor_critic(C, n_episodes=1, on_episode=print, rng=rng()), "on_episode: got"),
+        (lambda: actor_critic(C, n_episodes=1, critic=net(4, 1), rng=rng()), "critic: got"),
+        (lambda: linear_form(alpha=0.0), "alpha: got 0.0"),
+        (lambda: linear_form(gamma=1.5), "gamma: got 1.5"),
+        (lambda: linear_form(max_steps=0), "max_steps: got 0"),
+        (lambda: linear_form(rng=3), "rng: got 3"),
+        (lambda: linear_form(n_actions=0), "n_actions: got 0"),
+        (lambda: linear_form(n_episodes=0), "n_episodes: got 0"),
         (
             lambda: reinforce("CartPole-v1", n_episodes=1, on_episode=3, rng=rng()),
             "on_episode: got 3, must be a function",
