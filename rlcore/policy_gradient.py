@@ -254,7 +254,7 @@ def _parameters(name, values, shape=None):
     """values as a new float array, a number broadcast to shape; (A, d) where shape is None."""
     values = as_floats(name, values)
     if shape is not None and values.ndim == 0:
-        values = np.full(shape, float(values))
+        values = np.full(shape, values)
     if values.shape != (shape or values.shape) or values.ndim != len(shape or "Ad") or values.size == 0:
         raise ValueError(f"{name}: got shape {values.shape}, must be {shape or '(A, d)'}")
     if not np.isfinite(values).all():
