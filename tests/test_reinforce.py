@@ -562,8 +562,15 @@ def test_no_limit_is_needed_where_every_episode_ends():
         np.testing.assert_array_equal(runs[0].history, runs[1].history)
 
 
-def test_record_thins_the_history():
-    full, thin, none = (reinforce(two_step(), n_episodes=10, alpha=0.1, record=k, rng=rng(1)) for k in (1, 3, 0))
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_the_policy_of_the_run_has_the_floor(learn):
+    run = learn(two_step(), n_episodes=5, theta0=[[9.0, 9, 0], [0, 0, 0]], p_min=0.2, rng=rng())
+    np.testing.assert_allclose(run.policy[:2], [[0.8, 0.2]] * 2, atol=1e-12)
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_record_thins_the_history(learn):
+    full, thin, none = (learn(two_step(), n_episodes=10, alpha=0.1, record=k, rng=rng(1)) for k in (1, 3, 0))
     np.testing.assert_array_equal(thin.history, full.history[[0, 3, 6, 9]])
     assert none.history is None and (none.policy == full.policy).all()
 
@@ -880,6 +887,16 @@ def net(*sizes, **more):
         (lambda: actor_critic(C, n_episodes=1, on_episode=print, rng=rng()), "on_episode: got"),
         (lambda: actor_critic(C, n_episodes=1, critic=net(4, 1), rng=rng()), "critic: got"),
         (lambda: actor_critic(C, n_episodes=1, net=net(4, 2), rng=rng()), "net: got"),
+        (lambda: actor_critic(C, n_episodes=1, gamma=1.5, rng=rng()), "gamma: got 1.5"),
+        (lambda: actor_critic(C, n_episodes=0.5, rng=rng()), "n_episodes: got 0.5"),
+        *(
+            (
+                lambda learn=learn, more=more: learn("CartPole-v1", n_episodes=1, rng=rng(), **more),
+                f"{next(iter(more))}: got",
+            )
+            for learn in (reinforce, actor_critic)
+            for more in (dict(w0=1.0), dict(features=np.ones((4, 1))), dict(theta0=[[1.0]]), dict(p_min=0.1))
+        ),
         (lambda: reinforce(C, n_episodes=1, critic=net(4, 1), rng=rng()), "critic: got"),
         (lambda: softmax_policy(np.zeros((0, 2))), "theta: got shape (0, 2)"),
         (lambda: episode_gradient(np.zeros((2, 4)), [0, -1], [0, 0], [0.0, 0.0], 1.0), "states: got -1..0"),
