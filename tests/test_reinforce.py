@@ -625,6 +625,7 @@ def test_chapter_3_s_form_by_hand():
     np.testing.assert_array_equal(run.history[0], 0)
     np.testing.assert_array_equal(run.policy, run.history[-1])
     assert 12 in run.lengths and run.lengths.min() < 12
+    assert run.returns.dtype == float and run.lengths.dtype == int
 
 
 def test_chapter_3_s_form_stops_after_200_steps():
@@ -733,6 +734,14 @@ def test_mlp_and_its_twin_in_torch_learn_the_same(learn):
     assert one.returns[-20:].mean() > one.returns[:20].mean()
 
 
+def test_actions_of_a_network_are_the_argmax_of_logits_and_noise():
+    world, net = Recorder(), MLP([2, 3], output="linear", init="zeros", optimizer=SGD(1e-12), rng=None)
+    run = reinforce(world, n_episodes=7, net=net, rng=rng(5))
+    actions = [a for episode in world.log for _, a, _ in episode]
+    np.testing.assert_array_equal(actions, rng(5).gumbel(size=(4096, 3)).argmax(axis=1)[:35])
+    assert isinstance(run.lengths, np.ndarray) and run.returns.dtype == float
+
+
 def test_time_baseline_is_the_mean_of_earlier_returns():
     from rlcore.reinforce import TimeBaseline
 
@@ -785,6 +794,7 @@ def test_what_is_not_said_is_the_default(learn):
 def test_step_sizes_go_to_their_networks(learn):
     settings = dict(baseline="value") if learn is reinforce else {}
     run = learn("CartPole-v1", n_episodes=2, alpha=0.02, alpha_w=0.03, rng=rng(), **settings)
+    assert isinstance(run.lengths, np.ndarray) and run.returns.dtype == float
     assert (run.policy.optimizer.lr, run.V.optimizer.lr) == (0.02, 0.03)
 
 
