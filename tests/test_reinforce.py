@@ -742,6 +742,18 @@ def test_actions_of_a_network_are_the_argmax_of_logits_and_noise():
     assert isinstance(run.lengths, np.ndarray) and run.returns.dtype == float
 
 
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+@pytest.mark.parametrize("limit, length", [(None, 5), (3, 3), (9, 5)])
+def test_lengths_count_the_steps_and_whole_rewards_are_numbers_like_others(learn, limit, length):
+    class Whole(Recorder):
+        def step(self, a):
+            s, r, *rest = super().step(a)
+            return s, int(r), *rest
+
+    run = learn(Whole(), n_episodes=3, max_steps=limit, rng=rng())
+    assert run.lengths.tolist() == [length] * 3 and run.returns.dtype == float
+
+
 def test_time_baseline_is_the_mean_of_earlier_returns():
     from rlcore.reinforce import TimeBaseline
 
@@ -749,6 +761,8 @@ def test_time_baseline_is_the_mean_of_earlier_returns():
     np.testing.assert_array_equal(b(np.array([1.0, 2.0])), [0, 0])
     np.testing.assert_array_equal(b(np.array([3.0, 4.0, 5.0])), [1, 2, 0])
     np.testing.assert_array_equal(b(np.array([0.0, 0.0, 0.0])), [2, 3, 5])
+    np.testing.assert_array_equal(b(np.array([6.0])), [4 / 3])
+    np.testing.assert_array_equal(b(np.array([1.0, 1.0])), [2.5, 2])
 
 
 def test_actions_follow_the_softmax_of_the_network():
@@ -899,6 +913,7 @@ def net(*sizes, **more):
         (lambda: actor_critic(C, n_episodes=1, net=net(4, 2), rng=rng()), "net: got"),
         (lambda: actor_critic(C, n_episodes=1, gamma=1.5, rng=rng()), "gamma: got 1.5"),
         (lambda: actor_critic(C, n_episodes=0.5, rng=rng()), "n_episodes: got 0.5"),
+        (lambda: reinforce(C, n_episodes=1, w0=[0.0, 0.0, 1.0, 0.0], rng=rng()), "w0: got"),
         *(
             (
                 lambda learn=learn, more=more: learn("CartPole-v1", n_episodes=1, rng=rng(), **more),
