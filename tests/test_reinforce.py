@@ -562,6 +562,11 @@ def test_no_limit_is_needed_where_every_episode_ends():
         np.testing.assert_array_equal(runs[0].history, runs[1].history)
 
 
+def test_a_critic_without_step_size_stays_where_it_was():
+    run = actor_critic(two_step(), n_episodes=5, alpha_w=0.0, w0=[1.0, 2.0, 3.0], rng=rng())
+    assert run.V.tolist() == [1.0, 2.0, 0.0]
+
+
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
 def test_the_policy_of_the_run_has_the_floor(learn):
     run = learn(two_step(), n_episodes=5, theta0=[[9.0, 9, 0], [0, 0, 0]], p_min=0.2, rng=rng())
