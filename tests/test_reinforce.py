@@ -18,6 +18,7 @@ from rlcore.envs import MDPEnv, random_mdp, random_walk, recycling_robot, short_
 from rlcore.envs.poker import bluff_gradients, bluff_guarantee, bluff_learning, bluff_values
 from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.nn import MLP, SGD, Adam, TorchNet
+from rlcore.policies import Categorical
 from rlcore.policy_gradient import _choose
 from rlcore.reinforce import (
     actor_critic,
@@ -562,8 +563,10 @@ def test_no_limit_is_needed_where_every_episode_ends():
         np.testing.assert_array_equal(runs[0].history, runs[1].history)
 
 
-def test_a_critic_without_step_size_stays_where_it_was():
-    run = actor_critic(two_step(), n_episodes=5, alpha_w=0.0, w0=[1.0, 2.0, 3.0], rng=rng())
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_a_critic_without_step_size_stays_where_it_was(learn):
+    settings = dict(baseline="value") if learn is reinforce else {}
+    run = learn(two_step(), n_episodes=5, alpha_w=0.0, w0=[1.0, 2.0, 3.0], p_min=0.4, rng=rng(), **settings)
     assert run.V.tolist() == [1.0, 2.0, 0.0]
 
 
@@ -747,6 +750,40 @@ def test_actions_of_a_network_are_the_argmax_of_logits_and_noise():
     assert isinstance(run.lengths, np.ndarray) and run.returns.dtype == float
 
 
+def test_baseline_of_time_is_taken_off():
+    """The second episode: G_t less that of the first, under the network that the first one left."""
+    after = []
+    for n in (1, 2):
+        world, net = Recorder(), MLP([2, 6, 3], optimizer=SGD(0.1), dtype=np.float64, rng=rng(1))
+        reinforce(world, n_episodes=n, gamma=0.9, baseline="time", net=net, rng=rng(5))
+        after.append(net)
+    states, actions, rewards = (np.array(x) for x in zip(*world.log[-1]))
+    first, second = (discounted_returns(np.array([r for _, _, r in log]), 0.9) for log in world.log[-2:])
+    policy = Categorical(after[0].forward(states))
+    g = after[0].backward((second - first)[:, None] * policy.grad_log_prob(actions))
+    np.testing.assert_allclose(after[1].theta, after[0].theta + 0.1 * g, atol=1e-12)
+    assert abs(first).max() > 0.5 and rewards.size == 5
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_the_world_gets_a_seed_of_its_own(learn):
+    seeds = []
+
+    class Seeded(Recorder):
+        def reset(self, *, seed=None, options=None):
+            seeds.append(seed)
+            return super().reset(seed=seed)
+
+    learn(Seeded(), n_episodes=2, rng=rng(5))
+    assert seeds == [int(rng(5).spawn(1)[0].integers(2**31)), None, None]
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_zeros_for_what_a_world_has_not_change_nothing(learn):
+    one, two = (learn(Recorder(), n_episodes=2, rng=rng(), **more) for more in ({}, dict(theta0=[0.0, 0.0], w0=[0, 0])))
+    np.testing.assert_array_equal(one.policy.theta, two.policy.theta)
+
+
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
 @pytest.mark.parametrize("limit, length", [(None, 5), (3, 3), (9, 5)])
 def test_lengths_count_the_steps_and_whole_rewards_are_numbers_like_others(learn, limit, length):
@@ -918,6 +955,9 @@ def net(*sizes, **more):
         (lambda: actor_critic(C, n_episodes=1, net=net(4, 2), rng=rng()), "net: got"),
         (lambda: actor_critic(C, n_episodes=1, gamma=1.5, rng=rng()), "gamma: got 1.5"),
         (lambda: actor_critic(C, n_episodes=0.5, rng=rng()), "n_episodes: got 0.5"),
+        (lambda: actor_critic(C, n_episodes=1, alpha_w=-1.0, rng=rng()), "alpha_w: got -1.0"),
+        (lambda: reinforce(C, n_episodes=1, alpha_w=-1.0, rng=rng()), "alpha_w: got -1.0"),
+        (lambda: reinforce(C, n_episodes=1, p_min=0.5, rng=rng()), "p_min: got 0.5"),
         (lambda: reinforce(C, n_episodes=1, w0=[0.0, 0.0, 1.0, 0.0], rng=rng()), "w0: got"),
         *(
             (
@@ -925,7 +965,7 @@ def net(*sizes, **more):
                 f"{next(iter(more))}: got",
             )
             for learn in (reinforce, actor_critic)
-            for more in (dict(w0=1.0), dict(features=np.ones((4, 1))), dict(theta0=[[1.0]]), dict(p_min=0.1))
+            for more in (dict(w0=1.0), dict(features=np.ones((4, 1))), dict(theta0=[[0.0, 1.0]]), dict(p_min=0.1))
         ),
         (lambda: reinforce(C, n_episodes=1, critic=net(4, 1), rng=rng()), "critic: got"),
         (lambda: softmax_policy(np.zeros((0, 2))), "theta: got shape (0, 2)"),
