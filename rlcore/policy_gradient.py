@@ -163,10 +163,10 @@ def gradient_ascent(mdp, theta, gamma, n_steps, *, alpha, features=None):
 
 
 def episode_gradient(theta, states, actions, rewards, gamma, *, features=None, baseline=0.0, discount_states=False):
-    """g of figure 52 from one finished episode, (A, d): lines 4 to 9 of the box. alg-reinforce, fig-52, eq-u-reinforce
+    """g of figure 52 from one finished episode, (A, d): lines 4 to 9. alg-reinforce, fig-52, eq-u-reinforce
 
     states: (T,) or (T + 1,); actions, rewards: (T,), rewards[t] is R_{t+1}. baseline: b(s), a number or (S,).
-    discount_states: the factor gamma^t of the theorem, which the box leaves out.
+    discount_states: the factor gamma^t of the theorem, which the document's box leaves out; so does the default.
     """
     theta = _parameters("theta", theta)
     X = np.eye(theta.shape[1]) if features is None else _features(features, None, theta.shape[1])
