@@ -322,7 +322,7 @@ def _is_box(world):
         raise ValueError(f"world: got actions {world.action_space}, must be Discrete: the policy is a softmax")
     if isinstance(world, FiniteMDP) or space is None or hasattr(space, "n"):
         return False
-    if len(getattr(space, "shape", None) or ()) != 1:
+    if len(space.shape or ()) != 1:
         raise ValueError(f"world: got observations {space}, must be Discrete or a Box of shape (n,)")
     return True
 

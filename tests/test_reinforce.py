@@ -395,6 +395,22 @@ def test_long_episodes_move_theta_as_short_ones_do():
         np.testing.assert_allclose(after, before + 1e-3 * g, rtol=1e-12)
 
 
+@pytest.mark.parametrize("steps", [63, 64, 65, 128])
+def test_an_episode_that_just_fills_the_storage(steps):
+    rewards = np.arange(1.0, steps + 1)
+    run = reinforce(chain(rewards), n_episodes=2, gamma=0.9, baseline="value", alpha=1.0, alpha_w=0.5, rng=rng())
+    assert run.lengths.tolist() == [steps] * 2
+    np.testing.assert_allclose(run.V[:-1], 0.75 * discounted_returns(rewards, 0.9), rtol=1e-12)
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_the_policy_of_the_run_keeps_to_what_is_legal(learn):
+    mdp = awkward(2, start=0)
+    policy = learn(mdp, n_episodes=3, max_steps=20, rng=rng()).policy
+    assert (policy[~mdp.legal] == 0).all() and not mdp.legal.all()
+    np.testing.assert_allclose(policy.sum(axis=1), 1)
+
+
 def test_actions_are_drawn_by_inverting_the_cumulative_probabilities():
     pi = np.array([0.0, 0.3, 0.0, 0.6, 0.1, 0.0])
     for seed in range(200):
