@@ -109,16 +109,17 @@ def _least_squares(vectors, seen, known, penalty):
 
 
 def recommend(truth, n_rounds, *, epsilon, noise=0.3, rng):
-    """True rating of what is recommended in each round, the mean over users, (n_rounds,). ex-netflix
+    """True ratings, means over the users: of what each round shows, and of the best guess after it. ex-netflix
 
     In each round every user is shown one item, the best by prediction or with probability epsilon any, and only that
-    one gets a rating, with normal noise; then all is predicted anew from what was rated. truth: (U, I).
+    one gets a rating, with normal noise; then all is predicted anew from what was rated. truth: (U, I). Returns two
+    arrays (n_rounds,). The first counts what exploring costs, the second only what is known by then.
     """
     truth, epsilon, rng = as_floats("truth", truth), check_probability("epsilon", epsilon), check_rng(rng)
     if truth.ndim != 2 or truth.size == 0:
         raise ValueError(f"truth: got shape {truth.shape}, must be (n_users, n_items)")
     users, total, count = np.arange(len(truth)), np.zeros_like(truth), np.zeros_like(truth)
-    best, means = rng.integers(truth.shape[1], size=len(truth)), []
+    best, ratings = rng.integers(truth.shape[1], size=len(truth)), []
     items = rng.normal(size=(truth.shape[1], 3))
     for _ in range(check_count("n_rounds", n_rounds)):
         explore = rng.random(len(truth)) < epsilon
@@ -127,5 +128,5 @@ def recommend(truth, n_rounds, *, epsilon, noise=0.3, rng):
         count[users, shown] += 1
         tastes, items = factorise(total / np.maximum(count, 1), count > 0, items, n_sweeps=2)
         best = (tastes @ items.T).argmax(axis=1)
-        means.append(truth[users, best].mean())
-    return np.array(means)
+        ratings.append((truth[users, shown].mean(), truth[users, best].mean()))
+    return tuple(np.array(ratings).T)

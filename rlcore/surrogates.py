@@ -211,16 +211,16 @@ def trust_region_ascent(f, gradient, hessian, x, n_steps, *, radius=1.0, max_rad
 def penalised_step(old, beta):
     """The policy (S, A) that maximises surrogate - beta mean KL. eq-ppo-46, alg-kl-penalty, ex-beta
 
-    In each state pi(a) = beta pi_old(a) / (lambda - A(a)), where lambda makes the sum 1; Newton from the left finds it.
+    In each state pi(a) = beta pi_old(a) / (mu - A(a)), where mu makes the sum over a 1; Newton from the left finds it.
     An action that pi_old never takes stays so, as with any softmax. Source: Grill et al. (2020), section 3.
     """
     beta, A = check_positive("beta", beta), np.where(old.pi > 0, old.A, -np.inf)
     gap = A.max(axis=1, keepdims=True) - A
-    mu = (beta * old.pi - gap).max(axis=1, keepdims=True)  # mu = lambda - max A, from where one of the terms is 1
+    above = (beta * old.pi - gap).max(axis=1, keepdims=True)  # mu - max A, from where one of the terms is 1
     for _ in range(30):
-        terms = beta * old.pi / (mu + gap)
-        mu += (terms.sum(axis=1, keepdims=True) - 1) / (terms / (mu + gap)).sum(axis=1, keepdims=True)
-    pi = beta * old.pi / (mu + gap)
+        terms = beta * old.pi / (above + gap)
+        above += (terms.sum(axis=1, keepdims=True) - 1) / (terms / (above + gap)).sum(axis=1, keepdims=True)
+    pi = beta * old.pi / (above + gap)
     return pi / pi.sum(axis=1, keepdims=True)
 
 

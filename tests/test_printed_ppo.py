@@ -214,10 +214,10 @@ def episode_scope(r, V, delta):
     """An episode through states 0, 1, ..., T."""
     last = len(r) - 1
     tables = {
-        ("r", "indexed", 1): r, ("s", "indexed", 1): lambda t: t, ("V", "", 1): V,
+        ("s", "indexed", 1): lambda t: t, ("V", "", 1): V,
         ("delta", "indexed", 1): lambda t: delta[int(t)] if t <= last else 0.0,
     }  # fmt: skip
-    return Scope({"l": range(last + 1)}, tables, gamma=GAMMA, greek={r"\lambda": LAM})
+    return Scope({"l": range(last + 1)}, tables, rewards=r, gamma=GAMMA, greek={r"\lambda": LAM})
 
 
 def cases(name):
@@ -273,11 +273,10 @@ def cases(name):
         before = exact()[1]
         after = sur.penalised_step(before, BETA)
         for state in range(4):
-            lam = BETA * before.pi[state, 0] / after[state, 0] + before.A[state, 0]
+            mu = BETA * before.pi[state, 0] / after[state, 0] + before.A[state, 0]
             tables = {("piold", "", 1): before.pi[state], ("A", "", 1): before.A[state], ("pi", "", 1): after[state]}
             for action in (1, 2):
-                scope = Scope({}, tables, greek={r"\beta": BETA, r"\lambda": lam})
-                yield scope, {"a": action}, after[state, action]
+                yield Scope({}, tables, greek={r"\beta": BETA}), {"a": action, "mu": mu}, after[state, action]
     elif name == "KL":
         p, q = rng(9).dirichlet(np.ones(5), size=2)
         scope = Scope({"a": range(5)}, {("p", "", 1): p, ("q", "", 1): q, ("KL", "", 2): kl})

@@ -96,7 +96,7 @@ Exercise(
     title="Advantages, and where episodes end",
     statement=r"""
         A rollout of $T$ steps goes through several episodes. `values[t]` is $\hat v$ of the state of step $t$, `next_values[t]` that of the state which the step led to, also where the episode was over with it. `terminated[t]` says that this state is terminal, `truncated[t]` that the episode was cut there by a
-        time limit. Return the generalised advantage estimates $\hat A_t = \sum_{l \ge 0} (\gamma \lambda)^l \delta_{t+l}$ with $\delta_t = r_t + \gamma \hat v(s_{t+1}) - \hat v(s_t)$, where the sum stops with the episode and a terminal state is worth 0.
+        time limit. Return the generalised advantage estimates $\hat A_t = \sum_{l \ge 0} (\gamma \lambda)^l \delta_{t+l}$ with $\delta_t = R_{t+1} + \gamma \hat v(s_{t+1}) - \hat v(s_t)$, where the sum stops with the episode and a terminal state is worth 0; `rewards[t]` is $R_{t+1}$, the reward of step $t$.
     """,
     stub="""
         def advantages_of_steps(rewards, values, next_values, terminated, truncated, gamma, lam):
