@@ -625,28 +625,28 @@ def test_chapter_3_s_form_by_hand():
 
     def step(x, a):
         taken.append(a)
-        return x + np.array([a - 0.5, 1.0])
+        return x + np.array([a - 1.0, 1.0])
 
     run = reinforce_linear(
-        lambda rng: rng.uniform(-1, 1, 2), step, lambda x: abs(x[0]) < 2, 2, gamma, 4,
+        lambda rng: rng.uniform(-1, 1, 2), step, lambda x: abs(x[0]) < 2, 3, gamma, 8,
         alpha=alpha, scale=scale, max_steps=12, rng=rng(3),
     )  # fmt: skip
-    g, W, actions = rng(3), np.zeros((2, 2)), iter(taken)
+    g, W, actions = rng(3), np.zeros((3, 2)), iter(taken)
     g.uniform(-1, 1, 2)  # the first start says how long a state is
     for k, length in enumerate(run.lengths):
         x, rows, moves = g.uniform(-1, 1, 2), [], []
         while len(rows) < 12 and abs(x[0]) < 2:
             p = softmax(W @ (x / scale))
-            a = int(g.random() >= p[0])
+            a = int(np.searchsorted(np.cumsum(p), g.random(), side="right"))
             assert a == next(actions)
             rows.append(x / scale)
-            moves.append(np.eye(2)[a] - p)
-            x = x + np.array([a - 0.5, 1.0])
+            moves.append(np.eye(3)[a] - p)
+            x = x + np.array([a - 1.0, 1.0])
         assert len(rows) == length == run.returns[k]
         G = np.array([sum(gamma**i for i in range(length - t)) for t in range(length)])
         W = W + alpha * sum((G[t] - G.mean()) * np.outer(moves[t], rows[t]) for t in range(length)) / length
         np.testing.assert_allclose(run.history[k + 1], W, atol=1e-12)
-    np.testing.assert_array_equal(run.history[0], 0)
+    assert isinstance(run.history, np.ndarray) and not run.history[0].any()
     np.testing.assert_array_equal(run.policy, run.history[-1])
     assert 12 in run.lengths and run.lengths.min() < 12
     assert run.returns.dtype == float and run.lengths.dtype == int
@@ -971,6 +971,7 @@ def net(*sizes, **more):
         (lambda: actor_critic(C, n_episodes=1, net=net(4, 2), rng=rng()), "net: got"),
         (lambda: actor_critic(C, n_episodes=1, gamma=1.5, rng=rng()), "gamma: got 1.5"),
         (lambda: actor_critic(C, n_episodes=0.5, rng=rng()), "n_episodes: got 0.5"),
+        (lambda: actor_critic(C, n_episodes=1, rng=3), "rng: got 3"),
         (lambda: actor_critic(C, n_episodes=1, alpha_w=-1.0, rng=rng()), "alpha_w: got -1.0"),
         (lambda: reinforce(C, n_episodes=1, alpha_w=-1.0, rng=rng()), "alpha_w: got -1.0"),
         (lambda: reinforce(C, n_episodes=1, p_min=0.5, rng=rng()), "p_min: got 0.5"),
