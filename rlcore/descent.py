@@ -15,7 +15,7 @@ def gradient_descent(gradient, v, epsilon, n_steps):
     """
     if not np.isfinite(epsilon):
         raise ValueError(f"epsilon: got {epsilon!r}, must be a finite number")
-    history, gradient = [float(v)], check_function("gradient", gradient)
+    history, gradient = [float(v)], check_function("gradient", gradient, "a number")
     for _ in range(check_count("n_steps", n_steps)):
         history.append(history[-1] - epsilon * gradient(history[-1]))
     return np.array(history)

@@ -446,10 +446,10 @@ def check_count(name, value, least=1):
     return int(value)
 
 
-def check_function(name, f):
-    """f; ValueError unless it can be called."""
+def check_function(name, f, of):
+    """f; ValueError unless it can be called. of: what it is called with, for the message."""
     if not callable(f):
-        raise ValueError(f"{name}: got {f!r}, must be a function")
+        raise ValueError(f"{name}: got {f!r}, must be a function of {of}")
     return f
 
 

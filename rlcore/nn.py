@@ -214,7 +214,7 @@ def sgd(net, x, y, *, optimizer=None, batch, epochs, cost="quadratic", on_epoch=
     batch, rng = len(x) if batch is None else check_count("batch", batch), check_rng(rng)
     net.optimizer = check_optimizer(optimizer) or net.optimizer
     if on_epoch is not None:
-        check_function("on_epoch", on_epoch)
+        check_function("on_epoch", on_epoch, "(epoch, cost)")
     (C, dC), x, history = check_name("cost", cost, COSTS), np.asarray(x, net.theta.dtype), np.zeros(epochs)
     for epoch in range(epochs):
         order = rng.permutation(len(x))
@@ -250,7 +250,7 @@ def step_bump_network(f, n, *, interval=(0.0, 1.0), w=1000.0, heights="centre", 
         if heights not in ("centre", "mid-range"):
             raise ValueError(f'heights: got {heights!r}, allowed are "centre", "mid-range" and ({n},) numbers')
         inside = np.linspace(edges[:-1], edges[1:], 201, axis=1)
-        values = check_function("f", f)(inside)
+        values = check_function("f", f, "an array")(inside)
         heights = values[:, 100] if heights == "centre" else (values.min(axis=1) + values.max(axis=1)) / 2
     h = as_floats("heights", heights)
     if h.shape != (n,):

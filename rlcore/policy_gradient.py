@@ -88,7 +88,8 @@ def _probabilities(pi, theta, x, legal, p_min):
                 n_low += 1
             else:
                 rest += pi[a]
-        scale = (1.0 - n_low * p_min) / rest if n_low > 0 else 1.0
+        if n_low > 0 and rest > 0.0:
+            scale = (1.0 - n_low * p_min) / rest
     for a in range(pi.size):
         if legal[a]:
             pi[a] = max(pi[a] * scale, p_min)

@@ -190,7 +190,7 @@ def actor_critic(
 
 def _reinforce_network(env, net, critic, gamma, n_episodes, baseline, discount_states, max_steps, on_episode, rng):
     if on_episode is not None:
-        check_function("on_episode", on_episode)
+        check_function("on_episode", on_episode, "(return, steps so far)")
     returns, lengths, earlier = [], [], TimeBaseline()
     env.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
     play = _player(env, net, max_steps, rng)
@@ -240,7 +240,7 @@ class TimeBaseline:
 
 def _actor_critic_network(env, net, critic, gamma, n_episodes, discount_states, max_steps, on_episode, rng):
     if on_episode is not None:
-        check_function("on_episode", on_episode)
+        check_function("on_episode", on_episode, "(return, steps so far)")
     returns, lengths = [], []
     env.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
     for _ in range(n_episodes):

@@ -209,7 +209,7 @@ class Episodes:
 
     def __init__(self, N, on_episode):
         if on_episode is not None:
-            check_function("on_episode", on_episode)
+            check_function("on_episode", on_episode, "(return, steps so far)")
         self.returns, self.lengths, self.steps, self.on_episode = [], [], 0, on_episode
         self._G, self._n = np.zeros(N), np.zeros(N, int)
 

@@ -133,7 +133,7 @@ def mm_maximise(bound, theta, n_steps, *, reach=4.0):
     """
     side = check_positive("reach", reach) * np.geomspace(1e-6, 1, 300)
     offsets, history = np.concatenate([[0.0], side, -side]), [float(as_floats("theta", theta))]
-    check_function("bound", bound)
+    check_function("bound", bound, "(theta, candidates)")
     for _ in range(check_count("n_steps", n_steps)):
         candidates = history[-1] + offsets
         history.append(float(candidates[np.argmax(bound(history[-1], candidates))]))
@@ -153,7 +153,8 @@ def backtracking_line_search(f, x, direction, slope, *, shrink=0.5, c=1e-4, max_
     x, d, slope = as_floats("x", x), as_floats("direction", direction), check_positive("slope", slope)
     if x.shape != d.shape:
         raise ValueError(f"direction: got shape {d.shape}, must be that of x, {x.shape}")
-    t, shrink, c, here = 1.0, check_fraction("shrink", shrink), check_fraction("c", c), check_function("f", f)(x)
+    check_function("f", f, "x (d,)")
+    t, shrink, c, here = 1.0, check_fraction("shrink", shrink), check_fraction("c", c), f(x)
     for _ in range(check_count("max_steps", max_steps)):
         if f(x + t * d) >= here + c * t * slope:
             return t, x + t * d
@@ -193,7 +194,8 @@ def trust_region_ascent(f, gradient, hessian, x, n_steps, *, radius=1.0, max_rad
     Source: Nocedal and Wright (2006), algorithm 4.1.
     """
     xs, radii, limit = [as_floats("x", x)], [check_positive("radius", radius)], check_positive("max_radius", max_radius)
-    check_function("f", f), check_function("gradient", gradient), check_function("hessian", hessian)
+    for name, function in dict(f=f, gradient=gradient, hessian=hessian).items():
+        check_function(name, function, "x (d,)")
     for _ in range(check_count("n_steps", n_steps)):
         x, r, g, H = xs[-1], radii[-1], gradient(xs[-1]), hessian(xs[-1])
         p = trust_region_step(g, H, r)

@@ -463,5 +463,5 @@ def test_bad_calls_name_the_argument(call, message):
 
 
 def test_on_episode_must_be_a_function():
-    with pytest.raises(ValueError, match="^on_episode: got 3, must be a function"):
+    with pytest.raises(ValueError, match=r"^on_episode: got 3, must be a function of \(return, steps so far\)"):
         ppo("CartPole-v1", rng=np.random.default_rng(0), n_steps=10, on_episode=3)

@@ -850,14 +850,13 @@ def test_what_is_not_said_is_the_default(learn):
     np.testing.assert_array_equal(one.history, two.history)
     for baseline in [dict(baseline="value"), kept] if learn is reinforce else [kept]:
         one, two = (learn("CartPole-v1", n_episodes=4, rng=rng(2), **baseline, **more) for more in ({}, said))
-        made = [MLP([4, 32, n], optimizer=Adam(0.01), rng=g) for g in [rng(2)] for n in (2, 1)]
-        critic = made[1] if learn is actor_critic or "value" in baseline.values() else None
-        assert one.policy.sizes == [4, 32, 2] and (one.V is None) == (critic is None)
+        untrained, has_critic = MLP([4, 32, 2], rng=rng(2)), learn is actor_critic or baseline["baseline"] == "value"
+        assert one.policy.sizes == [4, 32, 2] and (one.V is not None) == has_critic
         for run in (one, two):
             assert type(run.policy.optimizer) is Adam and run.policy.optimizer.lr == 0.01
-            assert not np.array_equal(run.policy.theta, made[0].theta)
+            assert not np.array_equal(run.policy.theta, untrained.theta)
         np.testing.assert_array_equal(one.policy.theta, two.policy.theta)
-        if critic:
+        if has_critic:
             np.testing.assert_array_equal(one.V.theta, two.V.theta)
             assert one.V.sizes == [4, 32, 1] and one.V.optimizer.lr == 0.01
 

@@ -53,7 +53,7 @@ def cartpole_transitions(n, *, rng):
 def balance(choose, n_steps=200, *, rng):
     """Steps (at most n_steps) before the pole falls when choose(x) picks the pushes. alg-mpc, ex-model-based"""
     x, t, n_steps = cartpole_start(rng=rng), 0, check_count("n_steps", n_steps)
-    check_function("choose", choose)
+    check_function("choose", choose, "the state (4,)")
     while t < n_steps and cartpole_upright(x):
         x = cartpole_step(x, choose(x))
         t += 1
@@ -66,7 +66,7 @@ def steps_upright(choose, x, n_steps):
     choose(x) picks the pushes (m,) of the m states (m, 4) that are still upright.
     """
     n_steps, x = check_count("n_steps", n_steps), np.asarray(x, float)
-    check_function("choose", choose)
+    check_function("choose", choose, "the states (m, 4)")
     if x.ndim != 2 or x.shape[1] != 4:
         raise ValueError(f"x: got shape {x.shape}, must be (n, 4)")
     steps, left = np.zeros(len(x), int), np.flatnonzero(cartpole_upright(x))

@@ -170,7 +170,7 @@ def pole_balancing(policy, n_episodes, *, max_steps, rng):
     max_steps: an episode that long is cut; its length is max_steps. World: gymnasium's CartPole. Returns a Run.
     """
     env, n_episodes = _cart_pole(rng), check_count("n_episodes", n_episodes)
-    check_function("policy", policy), check_count("max_steps", max_steps)
+    check_function("policy", policy, "(state, rng)"), check_count("max_steps", max_steps)
     returns, lengths = np.zeros(n_episodes), np.zeros(n_episodes, int)
     for i in range(n_episodes):
         state, terminated = env.reset()[0], False
@@ -187,7 +187,7 @@ def pole_continuing(policy, n_steps, *, rng):
     ex-pole-continuing. policy: as for pole_balancing.
     """
     env, rewards = _cart_pole(rng), np.zeros(check_count("n_steps", n_steps))
-    check_function("policy", policy)
+    check_function("policy", policy, "(state, rng)")
     state = env.reset()[0]
     for t in range(rewards.size):
         state, _, fell, _, _ = env.step(policy(state, rng))
