@@ -101,8 +101,8 @@ def provenance(path):
     return (
         f"# python benchmarks/figure61.py {'full' if path == TABLES['full'] else 'tenth'}, {datetime.date.today()}\n"
         f"# Python {platform.python_version()}, {versions}; rng = default_rng(seed)\n"
-        "# score: mean return of the last 100 episodes; kl: median over updates; return_i: mean in the i-th tenth; seconds: wall time,\n"
-        "# two runs side by side, none where a run was paused\n"
+        "# score: mean return of the last 100 episodes; kl: median over updates; return_i: mean in the i-th tenth;\n"
+        "# seconds: wall time, two runs side by side, none where a run was paused\n"
     )
 
 
