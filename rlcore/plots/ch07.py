@@ -88,7 +88,12 @@ def two_rules(d, soft, greedy):
     fig, ax = new_figure(height=3.4)
     ax.plot(d, soft, color=BLUE, ls="-", label="softmax")
     ax.plot(d, greedy, color=RED, ls="--", label="ε-greedy, ε = 0.1")
-    ax.set(xlabel="difference of the values", ylabel="probability of action 2", ylim=(0, 1))
+    ax.set(
+        xlabel="difference of the values",
+        ylabel="probability of action 2",
+        ylim=(0, 1),
+        xticks=np.linspace(d[0], d[-1], 5),
+    )
     ax.legend()
     return fig
 
