@@ -73,6 +73,9 @@ def test_floor_raises_what_is_below_and_the_others_share_the_rest():
     np.testing.assert_allclose(softmax_policy(START, p_min=0.1), [[0.9, 0.1]], atol=1e-15)
     theta = np.log([[0.01], [0.051], [0.939]])  # 0.051 falls below the floor once it makes room for 0.05
     np.testing.assert_allclose(softmax_policy(theta, p_min=0.05), [[0.05, 0.05, 0.9]], atol=1e-15)
+    nearly = 1e-16 * np.array([[3.0, 0.1, 3.6, -0.8, 1.2, -4.1, 3.3, 2.5, -7.4, -10.3]]).T
+    pi = softmax_policy(nearly, p_min=np.nextafter(0.1, 0))  # rounding takes all ten below the floor, none shares
+    np.testing.assert_allclose(pi, np.full((1, 10), 0.1), rtol=1e-12)
     legal = [[True, False, True, True]]
     theta = np.log([[1e-9], [0.5], [1e-6], [0.5]])
     np.testing.assert_allclose(softmax_policy(theta, [[1.0]], legal, p_min=0.2), [[0.2, 0.0, 0.2, 0.6]], atol=1e-15)
