@@ -152,6 +152,19 @@ def test_nothing_is_wider_than_the_page(page, width, visit):
     assert tab.evaluate(CUT_OFF) == []
 
 
+ONE_OF_A_LOOK = """() => {
+    const looks = new Set(), again = [];
+    for (const e of document.querySelectorAll("pre span")) {
+        let ground = e;
+        while (ground && getComputedStyle(ground).backgroundColor == "rgba(0, 0, 0, 0)") ground = ground.parentElement;
+        const {color, fontSize, fontWeight} = getComputedStyle(e);
+        const look = [color, fontSize, fontWeight, ground && getComputedStyle(ground).backgroundColor].join();
+        if (looks.has(look)) again.push(e); else looks.add(look);
+    }
+    for (const e of again) e.replaceWith(...e.childNodes);
+}"""  # of words of code that look the same one is enough: axe takes a fifth of the time
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("page", PAGES)
 def test_no_accessibility_violation(page, scheme, visit):
@@ -160,6 +173,7 @@ def test_no_accessibility_violation(page, scheme, visit):
     tab = visit(page, scheme=scheme)
     tab.evaluate(f"document.documentElement.dataset.theme = '{scheme}'")
     tab.wait_for_timeout(400)  # colours change over a moment
+    tab.evaluate(ONE_OF_A_LOOK)
     options = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa"], "resultTypes": ["violations"]}
     found = Axe().run(tab, options=options).response["violations"]
     assert [(v["id"], [node["html"][:160] for node in v["nodes"][:3]]) for v in found] == []
