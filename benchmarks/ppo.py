@@ -1,6 +1,6 @@
 """rlcore.ppo beside Stable-Baselines3's PPO, in turns in one run: CPU seconds, one thread.
 
-    python benchmarks/ppo.py                      everything, about half an hour
+    python benchmarks/ppo.py                      everything, about 40 minutes
     python benchmarks/ppo.py --only CartPole      --seeds 5, counted from --first
     python benchmarks/ppo.py --only HalfCheetah --steps 20480
 
@@ -72,6 +72,13 @@ def watch(episodes):
     return Watch()
 
 
+def outcome(last):
+    """What the seeds came to, in words. last: mean of the last 20 returns of each."""
+    error = f" ± {np.std(last, ddof=1) / len(last) ** 0.5:.0f}" if len(last) > 1 else ""
+    seeds = " ".join(f"{G:.0f}" for G in last)
+    return f"last 20 returns {np.mean(last):.0f}{error}, of each seed: {seeds}"
+
+
 def timed(job, *args, **kwargs):
     start = time.process_time()
     episodes = job(*args, **kwargs)
@@ -104,14 +111,13 @@ def main():
                 f"{task} Stable-Baselines3": lambda s, t=task: mujoco_sb3(t, options.steps, s),
             }
             runs = {name: [] for name in jobs}
-            for seed in list(seeds)[:3]:
+            for seed in seeds:
                 for name, job in jobs.items():
                     runs[name].append(timed(job, seed))
             rows = []
             for name, done in runs.items():
                 speed = np.median([options.steps / t for t, _ in done])
-                last = " ".join(f"{np.mean(e.returns[-20:]):.0f}" for _, e in done)
-                rows.append((name, speed, "steps/CPU s", f"last 20 returns of each seed: {last}"))
+                rows.append((name, speed, "steps/CPU s", outcome([np.mean(e.returns[-20:]) for _, e in done])))
             save("ppo", rows, against=f"{task} Stable-Baselines3")
 
 

@@ -3,6 +3,7 @@
 What changes results besides the equations, and where it comes from ("ppo1": the code of the paper's authors, OpenAI
 Baselines; "paper": Schulman et al., 2017):
   advantages of a rollout are centred and scaled before the epochs (ppo1): normalise_advantages
+  weights start at Glorot and Bengio's spread (ppo1: those into a neuron have length 1 together)
   the policy's last layer starts 100 times smaller, so that the first policy is near uniform or centred (ppo1)
   log_std is a parameter of its own, 0 at first, the same in all states (Schulman et al., 2015, appendix D)
   v_hat learns the lambda-return A_hat + v_hat(s) by squared error, which is not clipped (ppo1)
