@@ -303,15 +303,42 @@ def test_each_process_has_one_thread_and_the_rest_of_us_keep_ours(tmp_path, monk
     assert not any(alive(r.result["process"]) for r in records) and not active_children()
 
 
-def test_a_worker_that_is_killed_fails_its_own_run_alone(tmp_path):
+class Counted(ProcessPoolExecutor):
+    """A pool that notes when it is made and when it is shut down."""
+
+    made, shut = [], []
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.made.append(self)
+
+    def shutdown(self, *args, **kwargs):
+        self.shut.append(self)
+        super().shutdown(*args, **kwargs)
+
+
+def test_a_worker_that_is_killed_fails_its_own_run_alone(tmp_path, monkeypatch):
     log, store = tmp_path / "log", tmp_path / "store"
     log.mkdir()
+    monkeypatch.setattr(module, "ProcessPoolExecutor", Counted)
     settings = [dict(x=x, log=str(log), seconds=0.05, kill=x in (1, 2)) for x in range(6)]
     with pytest.warns(UserWarning, match="2 of 6 runs failed, .*terminated abruptly"):
         records = sweep(logged, settings, [0], store)
     assert [r.error is None for r in records] == [True, False, False, True, True, True]
     assert records[1].seconds is None and "BrokenProcessPool" in records[1].error
     assert [len(starts(log, x)) for x in range(6)] == [1] * 6
+    assert len(Counted.made) >= 3 and set(Counted.shut) == set(Counted.made)
+
+
+def test_a_worker_without_work_ends_with_its_pool():
+    pool = module._pool()
+    worker = pool.submit(os.getpid).result(timeout=60)
+    pool.shutdown(wait=False)
+    try:
+        wait_for(lambda: not alive(worker))
+    finally:
+        if alive(worker):
+            os.kill(worker, signal.SIGKILL)
 
 
 def test_an_executor_that_breaks_is_an_error_and_loses_nothing(tmp_path):
