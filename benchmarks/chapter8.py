@@ -1,11 +1,11 @@
-"""The slow experiments of chapter 8: PPO on cart-pole and in a maze, and actions cut to their range or not.
+"""The slow experiments of chapter 8: PPO on cart-pole and in a maze, actions cut to their range, a step that falls.
 
-    python benchmarks/chapter8.py          what is not done yet, to book/data/chapter8_*.csv: half an hour of a core
+    python benchmarks/chapter8.py          what is not done yet, to book/data/chapter8_*.csv: 40 minutes of a core
     python benchmarks/chapter8.py table    what the tables hold
 
 Runs are kept in _build/chapter8/, one file each: stop when you like, the same command goes on. `chapter8_runs.csv` has
 a row for each run, `chapter8_curves.csv` one for each setting and rollout, over the seeds; `chapter8_actions.csv` the
-runs on HalfCheetah and Swimmer.
+runs on HalfCheetah and Swimmer; `chapter8_late.csv` those on the double pendulum, a million steps each.
 """
 
 import argparse
@@ -16,6 +16,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+import figure61
 import gymnasium as gym
 import numpy as np
 
@@ -92,6 +93,11 @@ def main():
         records += sweep(actions, [dict(task=task, cut=cut) for cut in (False, True)], range(3), STORE, progress=True)
         rows = [r.result | r.setting | dict(seed=r.seed, cut=int(r.setting["cut"])) for r in records if not r.error]
         write("chapter8_actions.csv", ["task", "cut", "seed", "score", "kl", "largest_kl", "largest_std"], rows)
+    common = dict(task="InvertedDoublePendulum", setting="clip 0.2", n_steps=1_000_000)
+    records = sweep(figure61.run, [common | dict(anneal=a) for a in (False, True)], range(3), STORE, progress=True)
+    rows = [r.result | r.setting | dict(seed=r.seed, anneal=int(r.setting["anneal"])) for r in records if not r.error]
+    columns = ["anneal", "seed", "score", "kl", "largest_kl", "entropy", *figure61.COLUMNS[-figure61.POINTS :]]
+    write("chapter8_late.csv", columns, rows)
 
 
 def tables(records):
@@ -143,7 +149,7 @@ def show():
         print(
             f"{name:26}{final.mean():7.2f}{final.min():7.2f}{mean.mean():7.2f}{kl.mean():9.4f}{top.max():9.3f}{len(of):6}"
         )
-    for row in read(DATA / "chapter8_actions.csv"):
+    for row in [*read(DATA / "chapter8_actions.csv"), *read(DATA / "chapter8_late.csv")]:
         print(*(f"{value:>12.5g}" if isinstance(value, float) else f"{value:>12}" for value in row.values()))
 
 

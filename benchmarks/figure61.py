@@ -9,8 +9,8 @@
 Runs are kept in _build/figure61/, one file each: stop when you like, the same command goes on. `tenth` and `full` add
 finished runs to their table in book/data/, one row a run, and do not repeat what stands there. Settings are those of
 Schulman et al. (2017), tables 1 and 3; details that the paper leaves open follow its authors' code (OpenAI Baselines,
-ppo1): observations normalised, actions not cut to their range; the learning rate is constant, as in the paper's table.
-Different here: the tasks are gymnasium's version 5 instead of version 1, and an episode that a time limit ends is not
+ppo1): observations normalised, actions not cut to their range; the learning rate is constant, as in the paper's table
+(theirs falls to 0). Different here: the tasks are gymnasium's version 5 instead of version 1, and an episode that a time limit ends is not
 taken for one that failed; variances of observations count at least 1e-4, there 1e-2; weights start at Glorot and
 Bengio's spread, there with length 1 for each neuron.
 """
@@ -34,11 +34,11 @@ COLUMNS = ["task", "setting", "seed", "steps", "episodes", "score", "kl", "large
 COLUMNS += [f"return_{i}" for i in range(1, POINTS + 1)]
 
 
-def run(task, setting, n_steps, rng):
+def run(task, setting, n_steps, rng, *, anneal=False):
     """One run: mean return of the last 100 episodes, what the updates did, and the returns in tenths of the run."""
     if setting == RANDOM:
         return random_run(task, rng)
-    config = PPOConfig(normalise_observations=True, clip_actions=False, **SETTINGS[setting])
+    config = PPOConfig(normalise_observations=True, clip_actions=False, anneal=anneal, **SETTINGS[setting])
     ends = []
     done = ppo(f"{task}-v5", rng=rng, n_steps=n_steps, config=config, on_episode=lambda _, steps: ends.append(steps))
     part = np.minimum(np.array(ends, int) * POINTS // n_steps, POINTS - 1)
@@ -103,7 +103,7 @@ def provenance(path):
         f"# python benchmarks/figure61.py {'full' if path == TABLES['full'] else 'tenth'}, {datetime.date.today()}\n"
         f"# Python {platform.python_version()}, {versions}; rng = default_rng(seed)\n"
         "# score: mean return of the last 100 episodes; kl: median over updates; return_i: mean in the i-th tenth;\n"
-        "# seconds: wall time, two runs side by side, none where a run was paused\n"
+        "# seconds: wall time, two runs side by side, none where a run was paused or other work went on\n"
     )
 
 

@@ -13,7 +13,7 @@ Baselines; "paper": Schulman et al., 2017):
   a truncated episode goes on with v_hat of its last state (ppo1 takes it for a terminal one)
   continuous actions are cut to the action space before the environment sees them (Stable-Baselines3): clip_actions
   Adam's epsilon is 1e-5, and its moments live on from rollout to rollout (ppo1)
-  the learning rate falls to 0 in a straight line (paper: on Atari only): anneal
+  the learning rate falls to 0 in a straight line (paper: on Atari; ppo1: everywhere): anneal
   an episode's step that only resets the environment is left out of the learning data
   gradients are not clipped, and no rollout is left early because of its KL
 """
