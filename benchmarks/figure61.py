@@ -10,9 +10,9 @@ Runs are kept in _build/figure61/, one file each: stop when you like, the same c
 finished runs to their table in book/data/, one row a run, and do not repeat what stands there. Settings are those of
 Schulman et al. (2017), tables 1 and 3; details that the paper leaves open follow its authors' code (OpenAI Baselines,
 ppo1): observations normalised, actions not cut to their range; the learning rate is constant, as in the paper's table
-(theirs falls to 0). Different here: the tasks are gymnasium's version 5 instead of version 1, and an episode that a time limit ends is not
-taken for one that failed; variances of observations count at least 1e-4, there 1e-2; weights start at Glorot and
-Bengio's spread, there with length 1 for each neuron.
+(in their code it falls to 0). Different here: the tasks are gymnasium's version 5 instead of version 1, and an episode
+that a time limit ends is not taken for one that failed; variances of observations count at least 1e-4, there 1e-2;
+weights start at Glorot and Bengio's spread, there with length 1 for each neuron.
 """
 
 import argparse
