@@ -3,11 +3,12 @@
     python benchmarks/figure61.py smoke      3 settings, 2 tasks, 4,096 steps: under a minute
     python benchmarks/figure61.py quick      4 settings, 7 tasks, 3 seeds, 100,000 steps: about ten minutes on two cores
     python benchmarks/figure61.py tenth      11 settings, 7 tasks, 3 seeds, 100,000 steps: to figure61_tenth.csv
-    python benchmarks/figure61.py full       the same with 1,000,000 steps: about seven CPU hours; to figure61.csv
+    python benchmarks/figure61.py full       the same with 1,000,000 steps: about nine CPU hours; to figure61.csv
     python benchmarks/figure61.py table      what the two tables in book/data/ hold, as scores
 
 Runs are kept in _build/figure61/, one file each: stop when you like, the same command goes on. `tenth` and `full` add
-finished runs to their table in book/data/, one row a run, and do not repeat what stands there. Settings are those of
+finished runs to their table in book/data/, one row a run, and do not repeat what stands there; a run of 1,000,000 steps
+is one of 100,000, too, since nothing depends on what is left of it: `full` adds that row as well. Settings are those of
 Schulman et al. (2017), tables 1 and 3; details that the paper leaves open follow its authors' code (OpenAI Baselines,
 ppo1): observations normalised, actions not cut to their range; the learning rate is constant, as in the paper's table
 (in their code it falls to 0). Different here: the tasks are gymnasium's version 5 instead of version 1, and an episode
@@ -41,11 +42,20 @@ def run(task, setting, n_steps, rng, *, anneal=False):
     config = PPOConfig(normalise_observations=True, clip_actions=False, anneal=anneal, **SETTINGS[setting])
     ends = []
     done = ppo(f"{task}-v5", rng=rng, n_steps=n_steps, config=config, on_episode=lambda _, steps: ends.append(steps))
-    part = np.minimum(np.array(ends, int) * POINTS // n_steps, POINTS - 1)
-    curve = {f"return_{i + 1}": _mean(done.returns[part == i]) for i in range(POINTS)}
+    result = summary(done, ends, n_steps)
+    return result if anneal else result | {"tenth": summary(done, ends, n_steps // 10)}
+
+
+def summary(done, ends, n_steps):
+    """What a run came to by n_steps; without annealing it does not depend on what follows. ends: steps, by episode."""
     h = done.history
+    h = h[: np.searchsorted(h.steps, n_steps) + 1]
+    ends = np.array(ends, int)
+    ends = ends[ends <= h.steps[-1]]
+    returns, part = done.returns[: ends.size], np.minimum(ends * POINTS // n_steps, POINTS - 1)
+    curve = {f"return_{i + 1}": _mean(returns[part == i]) for i in range(POINTS)}
     diagnosis = dict(kl=np.median(h.kl), largest_kl=h.kl.max(), entropy=h.entropy[-1], beta=h.beta[-1])
-    totals = dict(steps=int(h.steps[-1]), episodes=done.returns.size, score=_mean(done.returns[-100:]))
+    totals = dict(steps=int(h.steps[-1]), episodes=returns.size, score=_mean(returns[-100:]))
     return totals | {name: float(value) for name, value in diagnosis.items()} | curve
 
 
@@ -78,6 +88,25 @@ def row(record):
     return record.result | record.setting | dict(seed=record.seed, seconds=record.seconds)
 
 
+def tenth_row(record):
+    """What a run of `full` had come to after a tenth of its steps; random episodes are the same in both tables."""
+    result = record.result if record.setting["setting"] == RANDOM else record.result["tenth"]
+    return result | record.setting | dict(seed=record.seed)
+
+
+def key(row):
+    return row["task"], row["setting"], int(row["seed"])
+
+
+def add(rows, path):
+    """Those rows that the table lacks are written to it. Returns all of its rows."""
+    there = read(path)
+    known = {key(r) for r in there}
+    there += [r for r in rows if key(r) not in known]
+    write(there, path)
+    return there
+
+
 def write(rows, path):
     """The table, sorted; its first lines say where the numbers come from."""
     order = [RANDOM, *SETTINGS]
@@ -103,7 +132,8 @@ def provenance(path):
         f"# python benchmarks/figure61.py {'full' if path == TABLES['full'] else 'tenth'}, {datetime.date.today()}\n"
         f"# Python {platform.python_version()}, {versions}; rng = default_rng(seed)\n"
         "# score: mean return of the last 100 episodes; kl: median over updates; return_i: mean in the i-th tenth;\n"
-        "# seconds: wall time, two runs side by side, none where a run was paused or other work went on\n"
+        "# seconds: wall time, two runs side by side; none where a run was paused or other work went on, or where the\n"
+        "# row is the first tenth of a run of 1,000,000 steps\n"
     )
 
 
@@ -125,7 +155,7 @@ def main(tier):
         settings = ["none", "clip 0.2", "adaptive 0.01", "fixed 3"]
     path = TABLES.get(tier)
     rows = read(path) if path else []
-    known = {(r["task"], r["setting"], int(r["seed"])) for r in rows}
+    known = {key(r) for r in rows}
     for seed in range(seeds):
         for task in tasks:
             wanted = [dict(task=task, setting=s, n_steps=n_steps) for s in [RANDOM, *settings]]
@@ -133,9 +163,11 @@ def main(tier):
             if wanted:
                 print(f"{task}, seed {seed}", file=sys.stderr)
                 records = sweep(run, wanted, [seed], ROOT / "_build" / "figure61", progress=True)
-                rows += [row(record) for record in records if record.error is None]
-                if path:
-                    write(rows, path)
+                ended = [record for record in records if record.error is None]
+                if tier == "full":
+                    add([tenth_row(record) for record in ended], TABLES["tenth"])
+                new = [row(record) for record in ended]
+                rows = add(new, path) if path else rows + new
     return rows
 
 

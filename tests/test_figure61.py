@@ -1,5 +1,6 @@
 """Figure 61: reading and scoring the runs, and the comparison with the published column."""
 
+import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -22,7 +23,9 @@ from rlcore.figure61 import (
     scores,
 )
 from rlcore.ppo import PPOConfig
+from rlcore.sweep import Record
 
+ROOT = Path(__file__).parents[1]
 NAMES = list(SETTINGS)
 RNG = np.random.default_rng(0)
 
@@ -193,11 +196,10 @@ def test_bad_input_is_refused_by_name(call, words):
 def test_the_smoke_tier_runs(tmp_path):
     """Three settings and random actions on two tasks, through processes and files; the same call repeats nothing."""
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install -e '.[deep]'")
-    root = Path(__file__).parents[1]
     for folder in ("benchmarks", "rlcore"):
-        (tmp_path / folder).symlink_to(root / folder)
+        (tmp_path / folder).symlink_to(ROOT / folder)
     script = tmp_path / "figure61.py"  # its runs are kept beside it
-    script.write_text((root / "benchmarks" / "figure61.py").read_text().replace("parents[1]", "parents[0]"))
+    script.write_text((ROOT / "benchmarks" / "figure61.py").read_text().replace("parents[1]", "parents[0]"))
     command = [sys.executable, str(script), "smoke"]
     first, second = (subprocess.run(command, cwd=tmp_path, capture_output=True, text=True) for _ in range(2))
     assert first.returncode == 0, first.stderr[-2000:]
@@ -206,6 +208,50 @@ def test_the_smoke_tier_runs(tmp_path):
     assert table == {"none", "clip 0.2", "adaptive 0.01"}
     assert len(list((tmp_path / "_build" / "figure61").iterdir())) == 8
     assert second.stdout == first.stdout and "1 of" not in second.stderr
+
+
+@pytest.fixture
+def script():
+    spec = importlib.util.spec_from_file_location("script_of_figure_61", ROOT / "benchmarks" / "figure61.py")
+    spec.loader.exec_module(module := importlib.util.module_from_spec(spec))
+    return module
+
+
+def test_a_tenth_of_a_long_run_is_a_short_run(script):
+    """What a run has done by then does not depend on how long it goes on; 2,500 is no whole number of rollouts."""
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install -e '.[deep]'")
+    name = "InvertedPendulum", "adaptive 0.01"
+    long, short = (script.run(*name, n, np.random.default_rng(1)) for n in (25_000, 2_500))
+    assert short["steps"] < 5_000 < 25_000 <= long["steps"]
+    assert {name: value for name, value in short.items() if name != "tenth"} == long["tenth"]
+
+
+def test_annealing_depends_on_the_length_and_has_no_tenth(script):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install -e '.[deep]'")
+    assert "tenth" not in script.run("InvertedPendulum", "clip 0.2", 2_500, np.random.default_rng(1), anneal=True)
+
+
+def test_full_fills_both_tables_and_repeats_nothing(script, tmp_path, monkeypatch):
+    asked = []
+
+    def sweep(function, settings, seeds, store, progress):
+        asked.extend((s["task"], s["setting"], seeds[0]) for s in settings)
+        results = [{"score": 0.0} | ({} if s["setting"] == RANDOM else {"tenth": {"score": 1.0}}) for s in settings]
+        return [Record("run", s, seeds[0], r, 9.0, None, {}) for s, r in zip(settings, results)]
+
+    monkeypatch.setattr(script, "sweep", sweep)
+    monkeypatch.setattr(script, "TABLES", tables := {tier: tmp_path / f"{tier}.csv" for tier in ("tenth", "full")})
+    known = row("Hopper", "clip 0.3", 1, 7.0)
+    for path in tables.values():
+        script.write([known], path)
+    assert len(script.main("full")) == 252 == 1 + len(set(asked)) == 1 + len(asked)
+    full, tenth = (read(tables[tier]) for tier in ("full", "tenth"))
+    assert [script.key(r) for r in full] == [script.key(r) for r in tenth] and len(full) == 252
+    score = {(False, False): 1.0, (False, True): 0.0, (True, False): 7.0}
+    for r in tenth:
+        assert r["score"] == score[script.key(r) == script.key(known), r["setting"] == RANDOM] and r["seconds"] is None
+    assert {r["score"] for r in full} == {0.0, 7.0} and {r["seconds"] for r in full} == {9.0, None}
+    assert len(script.main("full")) == 252 == 1 + len(asked)
 
 
 @pytest.mark.parametrize(

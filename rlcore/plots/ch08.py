@@ -1,11 +1,13 @@
 """Figures of chapter 8: from labels to proximal policy optimisation."""
 
 import numpy as np
+from matplotlib.ticker import FixedLocator
 
 from rlcore.plots.style import PALETTE, arrow, band, box, new_figure
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 LINES = ("-", "--", ":", "-.")
+SYMLOG_TICKS = np.array([-30, -10, -3, -1, -0.5, 0, 0.5, 1])
 
 
 def log_probability_step(screen, names, before, after, put, title=""):
@@ -205,13 +207,16 @@ def returns_and_kl(curves, *, top=500, title=""):
     return fig
 
 
-def by_setting(runs, xlabel, *, marks=None, mark_label="", height=4.4, title=""):
+def by_setting(runs, xlabel, *, marks=None, mark_label="", linear=None, height=4.4, title=""):
     """Each run as a dot, a row for each setting, means as bars; runs: {label: (n,)}. fig-61, cl-138, cl-143
 
-    marks: one more value for each setting, such as the published one.
+    marks: one more value for each setting, such as the published one. linear: beyond +-linear the scale is logarithmic.
     """
     fig, ax = new_figure(height=height)
     y = np.arange(len(runs))[::-1]
+    if linear is not None:
+        ax.set_xscale("symlog", linthresh=linear, linscale=1.5)
+        ax.xaxis.set(major_locator=FixedLocator(linear * SYMLOG_TICKS), major_formatter="{x:g}")
     for row, values in zip(y, runs.values()):
         values = np.asarray(values)[np.isfinite(values)]
         ax.plot(values, np.full(len(values), row), "o", color=BLUE, ms=5, alpha=0.45)
@@ -219,7 +224,7 @@ def by_setting(runs, xlabel, *, marks=None, mark_label="", height=4.4, title="")
             ax.plot([values.mean()] * 2, [row - 0.32, row + 0.32], color=BLUE, ls="-", lw=3)
     if marks is not None:
         ax.plot(marks, y, "D", color=RED, ms=6, label=mark_label)
-        ax.legend(fontsize=11)
+        ax.legend(fontsize=11, loc="lower left")
     ax.set(xlabel=xlabel, yticks=y, yticklabels=list(runs), ylim=(-0.7, len(runs) - 0.3), title=title)
     ax.tick_params(axis="y", labelsize=11)
     return fig
