@@ -28,6 +28,7 @@ from rlcore.sweep import Record
 ROOT = Path(__file__).parents[1]
 NAMES = list(SETTINGS)
 RNG = np.random.default_rng(0)
+DATA = {100_000: ROOT / "book" / "data" / "figure61_tenth.csv", 1_000_000: ROOT / "book" / "data" / "figure61.csv"}
 
 
 def row(task, setting, seed, score):
@@ -44,6 +45,31 @@ def rows_of(tasks=TASKS, seeds=3, floor=-100.0, top=900.0):
             for k in range(seeds)
         ]
     return rows
+
+
+@pytest.mark.parametrize("n_steps", DATA)
+def test_every_run_is_in_the_table_once_and_as_long_as_it_should_be(n_steps):
+    rows = read(DATA[n_steps])
+    wanted = [(task, name, seed) for task in TASKS for name in (RANDOM, *SETTINGS) for seed in range(3)]
+    assert [(row["task"], row["setting"], row["seed"]) for row in rows] == wanted
+    for row in rows:
+        if row["setting"] == RANDOM:
+            assert row["episodes"] == 100
+        else:
+            assert n_steps <= row["steps"] < n_steps + 20_000 and 0 < row["kl"] <= row["largest_kl"]
+            assert np.isfinite([row[f"return_{i}"] or 0.0 for i in range(1, 11)]).all()
+        assert np.isfinite(row["score"])
+
+
+def test_the_two_tables_are_of_the_same_runs():
+    """The first tenth of a long run: its mean return is that of the short run's tenths, which differ in length."""
+    short, long = (read(path) for path in DATA.values())
+    for a, b in zip(short, long):
+        if a["setting"] == RANDOM:
+            assert a["score"] == b["score"]
+        else:
+            tenths = [a[f"return_{i}"] for i in range(1, 11) if a[f"return_{i}"] is not None]
+            assert min(tenths) <= b["return_1"] <= max(tenths) and a["episodes"] < b["episodes"]
 
 
 def test_the_settings_are_the_published_ones():

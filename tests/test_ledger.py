@@ -10,8 +10,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rlcore.figure61 import RANDOM, SETTINGS, TASKS, read
-
 ROOT = Path(__file__).parents[1]
 ROWS = yaml.safe_load((ROOT / "book" / "concordance.yml").read_text(encoding="utf-8"))
 DONE = [row for row in ROWS if row.get("status") != "missing"]
@@ -43,13 +41,6 @@ def test_every_entry_of_the_document_has_one_row():
 
 def test_nothing_is_missing():
     assert [row["id"] for row in ROWS if row.get("status") == "missing"] == []
-
-
-def test_figure_61_is_unfinished_until_every_run_is_there():
-    runs = len(SETTINGS) * len(TASKS) * 3
-    tables = [read(ROOT / "book" / "data" / f"{name}.csv") for name in ("figure61", "figure61_tenth")]
-    whole = all(sum(row["setting"] != RANDOM for row in rows) == runs for rows in tables)
-    assert {row["id"] for row in ROWS if "lacks" in row} == (set() if whole else {"fig-61", "ex-ppo-table"})
 
 
 @pytest.mark.parametrize("row", DONE, ids=lambda row: row["id"])

