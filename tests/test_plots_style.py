@@ -143,7 +143,7 @@ def test_small_svg_draws_the_same_picture_in_fewer_bytes():
         curve().savefig(full, format="svg")
     mime, raw = plots.encode(curve())
     small = raw.decode()
-    assert mime == "image/svg+xml" and len(small) < 0.75 * len(full.getvalue())
+    assert mime == "image/svg+xml" and len(small) < 0.5 * len(full.getvalue())
     number = r"-?\d+(?:\.\d+)?"
     paths = [re.findall(r'<path[^>]* d="([^"]*)"', svg) for svg in (full.getvalue(), small)]
     assert len(paths[0]) == len(paths[1])
@@ -154,6 +154,23 @@ def test_small_svg_draws_the_same_picture_in_fewer_bytes():
     places = [re.findall(rf'<use [^>]*x="({number})" y="({number})"', svg) for svg in (full.getvalue(), small)]
     assert len(places[0]) > 50
     np.testing.assert_allclose(*(np.array(found, float) for found in places), atol=0.0051)
+
+
+def test_small_svg_shares_styles_names_ids_briefly_and_keeps_no_empty_group():
+    svg = plots.encode(curve())[1].decode()
+    assert "<g>" not in svg and "<g/>" not in svg and svg.count("<g ") == svg.count("</g>") > 0
+    ids = re.findall(r' id="([^"]*)"', svg)
+    assert ids == [f"i{n}" for n in range(len(ids))] and len(ids) > 3
+    assert set(re.findall(r'(?:url\(|href=")#([^")]*)', svg)) <= set(ids)
+    styles = re.findall(r' style="([^"]*)"', svg)
+    rules = dict(re.findall(r"\.(c\d+)\{([^}]*)\}", svg))
+    assert len(set(styles)) == len(styles) and not set(styles) & {*rules.values()}
+    used = re.findall(r' class="([^"]*)"', svg)
+    assert set(used) == set(rules) and all(used.count(name) > 1 for name in rules)
+
+
+def test_bare_groups_go_and_the_others_stay_where_they_are():
+    assert style._ungroup('<g><g id="a"><g/><g>x</g></g></g><g>y</g>') == '<g id="a">x</g>y'
 
 
 def test_svg_keeps_text_as_text_with_fonts_to_fall_back_on():

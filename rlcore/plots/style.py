@@ -10,6 +10,7 @@ frames neither pile up nor show a second time. ``plots.use_style()`` stands in t
 import io
 import re
 import sys
+from collections import Counter
 
 import matplotlib as mpl
 import matplotlib.figure
@@ -195,7 +196,36 @@ def _small_svg(svg):
     svg = " ".join(re.sub(r"<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.S).split())
     svg = re.sub(r'<g id="[^"]*"', "<g", svg).replace("> <", "><")
     svg = svg.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
-    return re.sub(r' (?:d|x|y|width|height|points|transform|style)="[^"]*"', _shorter, svg)
+    svg = re.sub(r' (?:d|x|y|width|height|points|transform|style)="[^"]*"', _shorter, svg)
+    return _share_styles(_name_briefly(_ungroup(svg)))
+
+
+def _ungroup(svg):
+    """Drop the groups that have no attribute, and so no effect."""
+    kept, bare = [], []
+    for part in re.split(r"(<g\b[^>]*>|</g>)", svg.replace("<g/>", "")):
+        if part.startswith("<g"):
+            bare.append(part == "<g>")
+        kept.append("" if part.startswith(("<g", "</g")) and (bare.pop() if part == "</g>" else bare[-1]) else part)
+    return "".join(kept)
+
+
+def _name_briefly(svg):
+    """Ids of a letter and a number in place of matplotlib's hashes."""
+    for n, name in enumerate(re.findall(r' id="([^"]+)"', svg)):
+        svg = re.sub(rf'(?<=["#]){re.escape(name)}(?=[")])', f"i{n}", svg)
+    return svg
+
+
+def _share_styles(svg):
+    """Each style that stands more than once becomes a class."""
+    count = Counter(re.findall(r' style="([^"]*)"', svg))
+    shared = {text: f"c{n}" for n, text in enumerate(text for text, times in count.items() if times > 1)}
+    rules = "".join(f".{name}{{{text}}}" for text, name in shared.items())
+    svg = svg.replace("</style>", rules + "</style>", 1)
+    return re.sub(
+        r' style="([^"]*)"', lambda found: f' class="{shared[found[1]]}"' if found[1] in shared else found[0], svg
+    )
 
 
 def _shorter(attribute):
