@@ -3,7 +3,9 @@
 # make outputs  run the notebooks and store what they show        make clean   remove what the build made
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3 python,$(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print("$(p)")' 2>/dev/null)))
 REQUIREMENTS ?= requirements.txt
+LOCK := $(if $(filter requirements.txt,$(REQUIREMENTS)),requirements.lock)
 BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 STAMP := .venv/installed
 HTML := _build/html
 NOTEBOOKS := $(wildcard book/*.ipynb)
@@ -16,16 +18,26 @@ THREADS_2 := OMP_NUM_THREADS=2 OPENBLAS_NUM_THREADS=2 NUMBA_NUM_THREADS=2
 NARROW := NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL AVX512_SPR" OPENBLAS_CORETYPE=Nehalem \
 	ATEN_CPU_CAPABILITY=default NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/_build/numba-narrow
 
-.PHONY: book test check lab outputs clean install lint unit html pages notebooks mutation
+.PHONY: book test check lab outputs clean install lock lint unit html pages notebooks mutation
 
 install: $(STAMP)
 
-$(STAMP): $(REQUIREMENTS) pyproject.toml
+$(STAMP): $(REQUIREMENTS) $(LOCK) pyproject.toml
 	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer, with venv, is needed; name it with: make PYTHON=/path/to/python3"; exit 1; }
 	@test -x $(BIN)/python || { echo "Making .venv with $(PYTHON)"; $(PYTHON) -m venv .venv; }
 	@echo "Installing $(REQUIREMENTS) into .venv (a few minutes the first time)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r $(REQUIREMENTS)
+	@$(if $(LOCK),$(PIP) --no-deps --require-hashes -r $(LOCK))
+	@$(PIP) $(if $(LOCK),--no-build-isolation) -r $(REQUIREMENTS)
 	@touch $@
+
+# Not torch: its wheels, and the CUDA packages they may need, differ from machine to machine.
+TORCH_NEEDS := filelock fsspec jinja2 networkx setuptools sympy typing-extensions
+lock:
+	@$(PYTHON) -m venv _build/lock
+	@_build/lock/bin/python -m pip install --quiet --disable-pip-version-check uv
+	@{ grep -v '^torch==' requirements.txt; printf '%s\n' $(TORCH_NEEDS); } | _build/lock/bin/uv pip compile --quiet --upgrade \
+		--universal --python-version 3.11 --generate-hashes --no-emit-package rlcore --no-annotate \
+		--custom-compile-command "make lock" - --output-file requirements.lock
 
 book: html
 	@echo

@@ -1,6 +1,7 @@
 """The repository as a whole: what lies at the top, what an import costs, what docstrings cite, the workflows."""
 
 import ast
+import importlib.metadata
 import os
 import re
 import subprocess
@@ -12,7 +13,7 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 TOP = {"book", "rlcore", "tests", "benchmarks", ".ci", ".github", "_config.yml", "_toc.yml", "requirements.txt"}
-TOP |= {"README.md", "pyproject.toml", "Makefile", "LICENSE", ".gitignore"}
+TOP |= {"requirements.lock", "README.md", "pyproject.toml", "Makefile", "LICENSE", ".gitignore"}
 BIN = Path(sys.executable).parent
 
 
@@ -86,3 +87,19 @@ WORKFLOWS = sorted(str(path) for path in (ROOT / ".github" / "workflows").glob("
 def test_workflows_pass_the_linters(command):
     done = subprocess.run([str(BIN / command[0]), *command[1:]], capture_output=True, text=True, env=os.environ)
     assert len(WORKFLOWS) >= 3 and done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_lock_holds_every_pin_with_hashes_and_what_torch_needs():
+    entries = (ROOT / "requirements.lock").read_text(encoding="utf-8").replace("\\\n", "").splitlines()
+    lock = {}
+    for entry in entries:
+        if not entry.startswith("#"):
+            name, version, rest = re.fullmatch(r"([a-z0-9-]+)==(\S+)(.*)", entry).groups()
+            assert re.search(r" --hash=sha256:[0-9a-f]{64}\b", rest), name
+            lock.setdefault(name, set()).add(version)
+    pins = (ROOT / "requirements.txt").read_text(encoding="utf-8")
+    for name, version in re.findall(r"^([a-z0-9-]+)(?:\[.*\])?==(\S+)$", pins, re.M):
+        assert name == "torch" or lock.get(name) == {version}, name
+    wanted = [need for need in importlib.metadata.requires("torch") if "extra ==" not in need]
+    names = {re.match(r"[\w-]+", need)[0] for need in wanted if not re.match("nvidia|cuda|triton", need)}
+    assert len(lock) > 100 and names <= set(lock) and not re.search("torch|nvidia|cuda|triton|://", " ".join(entries))
