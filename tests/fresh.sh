@@ -29,8 +29,8 @@ visit() { # LABEL [COMMAND THAT CHANGES THE ACCOUNT]
     shift
     if ! {
         cd / && rm -rf "$home" && mkdir -p "$home/tmp" &&
-        GIT_CONFIG_GLOBAL=$work/gitconfig git clone -q --no-hardlinks "$root" "$home/clone" &&
-        chown -R "$owner" "$home" && cd "$home/clone"
+            GIT_CONFIG_GLOBAL=$work/gitconfig git clone -q --no-hardlinks "$root" "$home/clone" &&
+            chown -R "$owner" "$home" && cd "$home/clone"
     }; then
         status=1
         return
