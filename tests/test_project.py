@@ -94,8 +94,9 @@ def test_the_lock_holds_every_pin_with_hashes_and_what_torch_needs():
     lock = {}
     for entry in entries:
         if not entry.startswith("#"):
-            name, version, rest = re.fullmatch(r"([a-z0-9-]+)==(\S+)(.*)", entry).groups()
-            assert re.search(r" --hash=sha256:[0-9a-f]{64}\b", rest), name
+            whole = re.fullmatch(r"([a-z0-9-]+)==(\S+)( ; [^-]+)?( +--hash=sha256:[0-9a-f]{64})+", entry)
+            assert whole, entry[:99]
+            name, version = whole.group(1, 2)
             lock.setdefault(name, set()).add(version)
     pins = (ROOT / "requirements.txt").read_text(encoding="utf-8")
     for name, version in re.findall(r"^([a-z0-9-]+)(?:\[.*\])?==(\S+)$", pins, re.M):
