@@ -1,6 +1,7 @@
-# make book   build the book to _build/html          make test    everything that continuous integration checks
-# make check  lint, format and unit tests, quickly   make lab     open the notebooks in JupyterLab
-# make outputs  run the notebooks and store what they show        make clean   remove what the build made
+# make book   build the book to _build/html          make test      what every change must pass, in minutes
+# make check  lint, format and unit tests, quickly   make test-all  that, and what takes longer
+# make lab    open the notebooks in JupyterLab       make outputs   run the notebooks and store what they show
+# make lock   pin all packages anew, with hashes     make clean     remove what the build made
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3 python,$(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print("$(p)")' 2>/dev/null)))
 REQUIREMENTS ?= requirements.txt
 LOCK := $(if $(filter requirements.txt,$(REQUIREMENTS)),requirements.lock)
@@ -8,17 +9,10 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 STAMP := .venv/installed
 HTML := _build/html
+RUN := $(BIN)/python tests/run.py
 NOTEBOOKS := $(wildcard book/*.ipynb)
-EXERCISES := $(wildcard book/exercises/*.ipynb)
-NBVAL := $(BIN)/pytest --nbval --nbval-current-env --nbval-sanitize-with tests/nbval.cfg -n 2 --dist loadfile
 
-THREADS_1 := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1
-THREADS_2 := OMP_NUM_THREADS=2 OPENBLAS_NUM_THREADS=2 NUMBA_NUM_THREADS=2
-# numpy's wide vector units off (its names for them), an old kernel for OpenBLAS, plain code from numba and torch
-NARROW := NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL AVX512_SPR" OPENBLAS_CORETYPE=Nehalem \
-	ATEN_CPU_CAPABILITY=default NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/_build/numba-narrow
-
-.PHONY: book test check lab outputs clean install lock lint unit html pages notebooks mutation
+.PHONY: book html test test-all check pages notebooks lab outputs clean install lock mutation
 
 install: $(STAMP)
 
@@ -47,36 +41,23 @@ book: html
 html: $(STAMP)
 	@$(BIN)/jupyter-book build . -W -n --keep-going
 
-test: $(STAMP) lint unit
+test: $(STAMP)
 	@.ci/browser
-	@mkdir -p _build
-	@$(MAKE) --no-print-directory notebooks >_build/notebooks.log 2>&1 & notebooks=$$!; \
-	status=0; $(MAKE) --no-print-directory html pages || status=1; \
-	wait $$notebooks || status=1; \
-	cat _build/notebooks.log; \
-	if test $$status = 0; then echo "All checks passed."; else echo "Some checks failed: see above."; fi; exit $$status
+	@$(RUN) lint unit html pages narrow blas
 
-check: $(STAMP) lint unit
+test-all: $(STAMP)
+	@.ci/browser
+	@$(RUN) lint unit html pages slow narrow single double
 
-lint: $(STAMP)
-	@$(BIN)/ruff check .
-	@$(BIN)/ruff format --check .
-
-unit: $(STAMP)
-	@$(BIN)/pytest -n 2 -m "not pages and not built"
+check: $(STAMP)
+	@$(RUN) lint unit
 
 pages: $(STAMP)
-	@$(BIN)/pytest -n 2 -m "pages or built"
+	@.ci/browser
+	@$(RUN) html pages
 
 notebooks: $(STAMP)
-ifneq ($(NOTEBOOKS),)
-	@echo "Notebooks against their stored outputs, 1 thread"
-	@$(THREADS_1) $(NBVAL) $(NOTEBOOKS) $(EXERCISES)
-	@echo "Notebooks against their stored outputs, 2 threads"
-	@$(THREADS_2) $(NBVAL) $(NOTEBOOKS)
-	@echo "Notebooks against their stored outputs, wide vector units disabled"
-	@$(THREADS_1) $(NARROW) $(NBVAL) $(NOTEBOOKS)
-endif
+	@$(RUN) narrow blas
 
 lab: $(STAMP)
 	@$(BIN)/jupyter lab book

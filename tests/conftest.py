@@ -1,8 +1,10 @@
 """Shared by the tests of the built pages: a server on the loopback interface and headless Chromium."""
 
+import contextlib
 import functools
 import http.server
 import os
+import re
 import shutil
 import tempfile
 import threading
@@ -12,6 +14,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 HTML = ROOT / "_build" / "html"
+PAGES = sorted(path.relative_to(HTML).as_posix() for path in HTML.glob("book/**/*.html"))
+CHAPTERS = [page for page in PAGES if re.match(r"book/0[1-8]_", page)]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 # Without these Chromium makes requests of its own, which the request log would take for the page's.
 QUIET = [
@@ -23,7 +27,6 @@ QUIET = [
     "--disable-component-update",
     "--disable-sync",
     "--disable-dev-shm-usage",
-    "--hide-scrollbars",
 ]
 
 
@@ -57,15 +60,29 @@ def site(built):
         server.shutdown()
 
 
+CONFIG = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
+<fontconfig>{fonts}<cachedir>{home}/fontconfig</cachedir></fontconfig>"""
+
+
 @pytest.fixture(scope="session")
-def browser():
-    """One headless Chromium for the whole run."""
+def browsers():
+    """Headless Chromium with a fontconfig of its own: "dejavu" has matplotlib's DejaVu fonts, "none" no font at all."""
     path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if path is None:
         absent("no Chromium: install it (Debian: apt-get install chromium) to run the page tests")
+    import matplotlib
     from playwright.sync_api import sync_playwright
 
-    with sync_playwright() as playwright, tempfile.TemporaryDirectory() as home:
-        browser = playwright.chromium.launch(executable_path=path, args=QUIET, env={**os.environ, "HOME": home})
-        yield browser
-        browser.close()
+    folders = {"dejavu": f"<dir>{matplotlib.get_data_path()}/fonts/ttf</dir>", "none": ""}
+    with sync_playwright() as playwright, contextlib.ExitStack() as stack:
+        started = {}
+        for name, fonts in folders.items():
+            home = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+            Path(home, "fonts.conf").write_text(CONFIG.format(fonts=fonts, home=home), encoding="utf-8")
+            env = {**os.environ, "HOME": home, "FONTCONFIG_FILE": f"{home}/fonts.conf"}
+            browser = playwright.chromium.launch(
+                executable_path=path, args=QUIET, ignore_default_args=["--hide-scrollbars"], env=env
+            )
+            stack.callback(browser.close)
+            started[name] = browser
+        yield started

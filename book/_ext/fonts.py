@@ -16,7 +16,12 @@ from fontTools.ttLib import TTFont
 from fontTools.varLib import instancer
 
 FONTS = Path(__file__).parents[1] / "_static" / "fonts"
-NAMES = {"serif": "Companion Serif", "serif-italic": "Companion Serif", "sans": "Companion Sans", "mono": "Companion Mono"}
+NAMES = {
+    "serif": "Companion Serif",
+    "serif-italic": "Companion Serif",
+    "sans": "Companion Sans",
+    "mono": "Companion Mono",
+}
 CHARACTERS = [
     *range(0x20, 0x7F), *range(0xA0, 0x180), *range(0x391, 0x3CA),  # Latin with accents, Greek
     *range(0x2010, 0x2027), 0x2032, 0x2033, 0x2070, 0x2074, *range(0x207F, 0x208F), 0x20AC, 0x200B,  # points, indices
@@ -37,7 +42,12 @@ def cut(source, name):
     font.save(whole)
     font = instancer.instantiateVariableFont(TTFont(whole), {"wght": (400, 400, 700)})
     style = "Italic" if name.endswith("italic") else "Regular"
-    for number, text in {1: NAMES[name], 2: style, 4: f"{NAMES[name]} {style}", 6: NAMES[name].replace(" ", "")}.items():
+    for number, text in {
+        1: NAMES[name],
+        2: style,
+        4: f"{NAMES[name]} {style}",
+        6: NAMES[name].replace(" ", ""),
+    }.items():
         font["name"].setName(text, number, 3, 1, 0x409)
     font.flavor = "woff2"
     font.save(FONTS / f"{name}.woff2")
