@@ -1,4 +1,4 @@
-"""The built pages as files: all there, light, every link, id and formula, a text for every image, fonts that suffice."""
+"""The built pages as files: all there, light, every link, id and formula, texts of images, fonts that suffice."""
 
 import re
 from html import unescape

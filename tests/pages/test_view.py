@@ -1,5 +1,6 @@
-"""The built pages in headless Chromium: whole in three settings of fonts and at every width, controls that move figures,
-accessibility, no request to any other site. A page is opened once for a setting; every test leaves it as it was."""
+"""The built pages in headless Chromium: whole in three settings of fonts and at every width, controls that
+move figures, accessibility, no request to any other site. A page is opened
+once for a setting; every test leaves it as it was."""
 
 import re
 
@@ -85,7 +86,7 @@ CUT = """() => [...document.querySelectorAll("article :is(mjx-math, :not(mjx-con
         if (formula && overflowX != "visible" && box.right > p.getBoundingClientRect().right + 1) return true;
     }
     return box.right > innerWidth + 1;
-}).map(e => e.outerHTML.slice(0, 120))"""  # beyond the edge of the window or of what hides it, and nothing around it scrolls
+}).map(e => e.outerHTML.slice(0, 120))"""  # beyond the edge of the window or of what hides it; nothing there scrolls
 NO_BAR = """() => [...document.querySelectorAll("article :not(mjx-container *)")].filter(e =>
     e.scrollWidth > e.clientWidth + 1 && e.clientWidth && ["auto", "scroll"].includes(getComputedStyle(e).overflowX)
     && e.offsetHeight - e.clientHeight - 2 * e.clientTop < 6
@@ -123,8 +124,8 @@ ONE_OF_A_LOOK = """() => {
     for (const e of document.querySelectorAll("article :is(pre span, code, td)")) {
         let ground = e;
         while (ground && getComputedStyle(ground).backgroundColor == "rgba(0, 0, 0, 0)") ground = ground.parentElement;
-        const {color, fontSize, fontWeight} = getComputedStyle(e);
-        const look = [e.tagName, color, fontSize, fontWeight, ground && getComputedStyle(ground).backgroundColor].join();
+        const {color, fontSize, fontWeight} = getComputedStyle(e), behind = ground && getComputedStyle(ground);
+        const look = [e.tagName, color, fontSize, fontWeight, behind?.backgroundColor].join();
         if (looks.has(look)) again.push(e); else looks.add(look);
     }
     for (const e of again) e.replaceWith(...e.childNodes);

@@ -1,6 +1,6 @@
 """Formulas are set when the book is built, by MathJax in a JavaScript engine, and stand in the pages as they are shown.
 
-So they are there without JavaScript, nothing moves while a page loads, and widths depend on no other font than MathJax's.
+So they are there without JavaScript, nothing moves while a page loads, and widths depend on MathJax's metrics alone.
 """
 
 import functools
