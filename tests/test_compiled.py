@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -157,6 +158,58 @@ def test_compiling_is_announced_once(tmp_path):
         notes.append(subprocess.run(command, env=env, capture_output=True, text=True, check=True).stderr)
     lines = [f"rlcore: compiling {name}, once (a few seconds)\n" for name in ("outer", "inner")]
     assert notes == ["".join(lines), ""]
+
+
+CHAIN = """
+from rlcore.compiled import compiled
+from rlcore.link import link
+
+@compiled
+def chain():
+    return 10 * link()
+"""
+CALL = "import warnings; warnings.simplefilter('error'); from rlcore.chain import chain; print(chain())"
+
+
+@pytest.fixture
+def call(tmp_path):
+    """A function that calls it with `link` returning its argument: its result, in a package of two functions."""
+    package = tmp_path / "site" / "rlcore"
+    package.mkdir(parents=True)
+    for name in ("__init__.py", "compiled.py"):
+        shutil.copy(Path(compiled.__file__).with_name(name), package)
+    (package / "chain.py").write_text(CHAIN)
+
+    def call(number, path=package.parent, **env):
+        text = f"from rlcore.compiled import compiled\n\n@compiled\ndef link():\n    return {number}\n"
+        (package / "link.py").write_text(text)
+        if path != package.parent:
+            shutil.make_archive(str(path.with_suffix("")), "zip", package.parent)
+        env = {**os.environ, "PYTHONPATH": str(path), "PYTHONDONTWRITEBYTECODE": "1", "RLCORE_NOTES": "1", **env}
+        done = subprocess.run([sys.executable, "-c", CALL], cwd=tmp_path, env=env, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return int(done.stdout), done.stderr.count("compiling")
+
+    return call
+
+
+@needs_numba
+@pytest.mark.parametrize("folder", [None, "cache"])
+def test_machine_code_is_kept_until_what_it_calls_changes(call, tmp_path, folder):
+    env = {"NUMBA_CACHE_DIR": str(tmp_path / folder) if folder else ""}
+    assert [call(number, **env) for number in (1, 1, 2, 2)] == [(10, 1), (10, 0), (20, 1), (20, 0)]
+
+
+@needs_numba
+def test_compiled_without_a_writable_folder(call, tmp_path):
+    nowhere = str(tmp_path / "site" / "rlcore" / "chain.py" / "cache")
+    (tmp_path / "site" / "rlcore" / "__pycache__").touch()
+    assert call(1, HOME=nowhere, XDG_CACHE_HOME=nowhere, NUMBA_CACHE_DIR=nowhere) == (10, 1)
+
+
+@needs_numba
+def test_compiled_in_a_zip(call, tmp_path):
+    assert [call(number, tmp_path / "rlcore.zip")[0] for number in (1, 2)] == [10, 20]
 
 
 def test_plain_python_where_numba_is_switched_off():
