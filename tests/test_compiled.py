@@ -168,48 +168,63 @@ from rlcore.link import link
 def chain():
     return 10 * link()
 """
-CALL = "import warnings; warnings.simplefilter('error'); from rlcore.chain import chain; print(chain())"
+CALLS = """
+import sys
+for number in {numbers}:
+    with open({link!r}, "w") as file:
+        file.write(f"from rlcore.compiled import compiled\\n\\n@compiled\\ndef link():\\n    return {{number}}\\n")
+    for name in [name for name in sys.modules if name.startswith("rlcore")]:
+        del sys.modules[name]
+    from rlcore.chain import chain
+    print(number, chain(), sys.modules["rlcore.compiled"].__file__)
+    print(number, file=sys.stderr)
+"""
 
 
 @pytest.fixture
-def call(tmp_path):
-    """A function that calls it with `link` returning its argument: its result, in a package of two functions."""
+def package(tmp_path):
+    """rlcore with two functions, one of which calls the other: `chain` gives ten times what `link` returns."""
     package = tmp_path / "site" / "rlcore"
     package.mkdir(parents=True)
     for name in ("__init__.py", "compiled.py"):
         shutil.copy(Path(compiled.__file__).with_name(name), package)
     (package / "chain.py").write_text(CHAIN)
+    return package
 
-    def call(number, path=package.parent, **env):
-        text = f"from rlcore.compiled import compiled\n\n@compiled\ndef link():\n    return {number}\n"
-        (package / "link.py").write_text(text)
-        if path != package.parent:
-            shutil.make_archive(str(path.with_suffix("")), "zip", package.parent)
-        env = {**os.environ, "PYTHONPATH": str(path), "PYTHONDONTWRITEBYTECODE": "1", "RLCORE_NOTES": "1", **env}
-        done = subprocess.run([sys.executable, "-c", CALL], cwd=tmp_path, env=env, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return int(done.stdout), done.stderr.count("compiling")
 
-    return call
+def calls(package, *numbers, path=None, **env):
+    """What is compiled where `link` returns one number after the other, each time in a rlcore imported anew."""
+    env = {**os.environ, "PYTHONPATH": str(path or package.parent), "NUMBA_CACHE_DIR": "", **env}
+    env |= {"PYTHONDONTWRITEBYTECODE": "1", "RLCORE_NOTES": "1"}
+    command = [sys.executable, "-W", "error", "-c", CALLS.format(numbers=numbers, link=str(package / "link.py"))]
+    done = subprocess.run(command, env=env, cwd=package.parents[1], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    file = path / "rlcore" / "compiled.py" if path else package / "compiled.py"
+    assert done.stdout == "".join(f"{number} {10 * number} {file}\n" for number in numbers)
+    return [line.split()[2].rstrip(",") if "compiling" in line else int(line) for line in done.stderr.splitlines()]
 
 
 @needs_numba
-@pytest.mark.parametrize("folder", [None, "cache"])
-def test_machine_code_is_kept_until_what_it_calls_changes(call, tmp_path, folder):
+@pytest.mark.parametrize("folder", ["", "cache"])
+def test_machine_code_is_kept_until_what_it_calls_changes(package, tmp_path, folder):
     env = {"NUMBA_CACHE_DIR": str(tmp_path / folder) if folder else ""}
-    assert [call(number, **env) for number in (1, 1, 2, 2)] == [(10, 1), (10, 0), (20, 1), (20, 0)]
+    assert calls(package, 1, 1, 2, 2, **env) == ["chain", 1, 1, "chain", 2, 2]
+    assert calls(package, 2, **env) == [2]
 
 
 @needs_numba
-def test_compiled_without_a_writable_folder(call, tmp_path):
-    nowhere = str(tmp_path / "site" / "rlcore" / "chain.py" / "cache")
-    (tmp_path / "site" / "rlcore" / "__pycache__").touch()
-    assert call(1, HOME=nowhere, XDG_CACHE_HOME=nowhere, NUMBA_CACHE_DIR=nowhere) == (10, 1)
+def test_compiled_without_a_writable_folder(package):
+    (package / "__pycache__").touch()
+    nowhere = str(package / "chain.py" / "cache")
+    assert calls(package, 1, 1, HOME=nowhere, XDG_CACHE_HOME=nowhere, NUMBA_CACHE_DIR=nowhere) == ["chain", 1] * 2
 
 
 @needs_numba
-def test_compiled_in_a_zip(call, tmp_path):
-    assert [call(number, tmp_path / "rlcore.zip")[0] for number in (1, 2)] == [10, 20]
+def test_compiled_in_a_zip(package, tmp_path):
+    (package / "link.py").write_text("from rlcore.compiled import compiled\n\n@compiled\ndef link():\n    return 3\n")
+    path = shutil.make_archive(str(tmp_path / "rlcore"), "zip", package.parent)
+    assert calls(package, 3, path=Path(path), NUMBA_CACHE_DIR=str(tmp_path / "cache")) == ["chain", 3]
+    assert not (tmp_path / "cache").exists()
 
 
 def test_plain_python_where_numba_is_switched_off():
