@@ -11,6 +11,7 @@ import sys
 import time
 import warnings
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import active_children, get_context
 from pathlib import Path
@@ -55,7 +56,15 @@ def no_surprises():
 
 
 def alive(process):
-    return psutil.pid_exists(process) and psutil.Process(process).status() != psutil.STATUS_ZOMBIE
+    try:
+        return psutil.Process(process).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def end(process):
+    with suppress(ProcessLookupError):
+        os.kill(process, signal.SIGKILL)
 
 
 # ---------------------------------------------------------------------- records and files
@@ -333,8 +342,7 @@ def test_a_worker_without_work_ends_with_its_pool():
     try:
         wait_for(lambda: not alive(worker))
     finally:
-        if alive(worker):
-            os.kill(worker, signal.SIGKILL)
+        end(worker)
 
 
 def test_an_executor_that_breaks_is_an_error_and_loses_nothing(tmp_path):
@@ -370,8 +378,8 @@ def test_a_killed_sweep_ends_its_workers_and_goes_on_where_it_was(tmp_path, how)
         wait_for(lambda: not any(map(alive, workers)))
     finally:
         started.kill()
-        for process in filter(psutil.pid_exists, workers):
-            os.kill(process, signal.SIGKILL)
+        for process in workers:
+            end(process)
     assert len(list(store.glob("*.json"))) == 6
     settings = [dict(x=x, log=str(log), seconds=0.02) for x in range(6)]
     executor = Here()
