@@ -447,11 +447,12 @@ def test_a_cluster_that_loses_a_worker_loses_and_repeats_nothing_that_counts(tmp
     assert len(kept) == 16 and len(list(store.iterdir())) == 16
     assert {r.result["process"] for r in records} <= set(workers)
     began = [starts(log, x) for x in range(16)]
-    assert any(len(processes) > 1 for processes in began)  # what the killed one was at, and what it still held
-    for record, processes in zip(records, began):
+    assert any(len(processes) > 1 for processes in began[4:])  # what the killed one was at
+    for x, (record, processes) in enumerate(zip(records, began)):
         assert record.result["process"] in processes and len(processes) <= 2
         if len(processes) > 1:
-            assert processes[0] == killed[0] != record.result["process"]
+            assert processes[0] == killed[0]
+            assert x < 4 or record.result["process"] != killed[0]  # the first may have been handed over already
     executor = Here()
     assert sweep(logged, settings, [0], store, executor) == records and executor.calls == 0
 
