@@ -1,6 +1,7 @@
 """One source, two speeds: numba's njit where numba is importable, plain Python where it is not."""
 
 import functools
+import hashlib
 import importlib.util
 import os
 import sys
@@ -26,13 +27,10 @@ class _Lazy:
 
 def _link():
     """Give every waiting function its dispatcher, under the names by which compiled functions call each other."""
-    import numba
-
-    _forget_stale()
     _announce()
     for lazy in _lazy:
         if lazy.dispatcher is None:
-            lazy.dispatcher = numba.njit(cache=True)(lazy.__wrapped__)
+            lazy.dispatcher = _dispatcher(lazy.__wrapped__)
     for lazy in _lazy:
         names = lazy.__wrapped__.__globals__
         for name, value in names.items():
@@ -66,16 +64,26 @@ def _announce():
     event.register("numba:compile", Note())
 
 
-def _forget_stale():
-    """Drop machine code older than any source: numba does not see that a function in another file has changed."""
-    here = Path(__file__).parent
-    newest = max(path.stat().st_mtime for path in here.rglob("*.py"))
-    for index in here.rglob("*.nbi"):
+def _dispatcher(function):
+    """The function, compiled; its machine code is kept on disk where a folder is writable."""
+    import numba
+
+    dispatcher = numba.njit(function)
+    if stamp := _sources():
         try:
-            if index.stat().st_mtime < newest:
-                index.unlink()
-        except OSError:  # another process was quicker, or the folder is read-only
-            pass
+            dispatcher.enable_caching()
+        except RuntimeError:  # no folder is writable
+            return dispatcher
+        file = dispatcher._cache._cache_file
+        file._source_stamp = file._source_stamp, stamp
+    return dispatcher
+
+
+@functools.cache
+def _sources():
+    """Digest of the package's sources, "" in a zip: numba does not see that a function in another file has changed."""
+    paths = sorted(Path(__file__).parent.rglob("*.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest() if paths else ""
 
 
 def compiled(function):

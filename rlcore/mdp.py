@@ -255,7 +255,7 @@ class FiniteMDP:
 
 def is_number(value):
     """Whether value is a real number; True and False are not."""
-    return isinstance(value, Real) and not isinstance(value, bool)
+    return isinstance(value, (float, int, Real)) and not isinstance(value, bool)  # the common ones first
 
 
 def as_floats(name, values):
@@ -333,7 +333,7 @@ def _start(start, terminal):
             raise ValueError("terminal: every state is terminal, needs at least one that is not")
         return ~terminal / np.sum(~terminal)
     if np.ndim(start) == 0:
-        return np.eye(terminal.size)[FiniteMDP._index("start", start, terminal.size)]
+        return np.arange(terminal.size) == FiniteMDP._index("start", start, terminal.size)
     return start
 
 

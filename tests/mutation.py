@@ -23,6 +23,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -237,12 +238,12 @@ def _function_of(tree, number):
 # ---------------------------------------------------------------------- running
 
 
-def scratch(worker):
+def scratch(folder):
     """A copy of what the tests need; the package in it shadows the installed one."""
-    folder = SCRATCH / f"copy{worker}"
     shutil.rmtree(folder, ignore_errors=True)
     for name in ("rlcore", "tests"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / name, folder / name, ignore=ignored, copy_function=shutil.copyfile)
     shutil.copy(ROOT / "pyproject.toml", folder)
     if (ROOT / "book").exists():
         (folder / "book").symlink_to(ROOT / "book")
@@ -303,7 +304,7 @@ def fingerprint(folder, module):
 
 def work(worker, workers, modules):
     """One of the processes: every workers-th mutant that has no result yet."""
-    folder, done, excused = scratch(worker), results(), allowed()
+    folder, done, excused = scratch(SCRATCH / f"copy{worker}"), results(), allowed()
     preload()
     if set(modules) & TORCH:
         importlib.import_module("torch")  # seconds for each mutant, if not here
@@ -327,9 +328,9 @@ def work(worker, workers, modules):
             path.write_text(original)
 
 
-def sample():
+def sample(folder):
     """Exit status 1 unless every change of SAMPLE makes a test fail."""
-    folder, alive = scratch("-sample"), []
+    folder, alive = scratch(Path(folder, "copy")), []
     preload()
     for module, line, broken, test in SAMPLE:
         path = folder / "rlcore" / f"{module}.py"
@@ -360,7 +361,7 @@ def allowed():
 
 def healthy(modules):
     """The tests pass on the unchanged copy; otherwise every mutant would count as killed."""
-    folder = scratch("-check")
+    folder = scratch(SCRATCH / "copy-check")
     for module in modules:
         start = time.monotonic()
         if run_tests(folder, TESTS[module], 5 * TIME_LIMIT, TOO_SLOW.get(module)) != 0:
@@ -400,7 +401,7 @@ def main(arguments):
         return report(modules)
     if "--again" in arguments:
         shutil.rmtree(SCRATCH, ignore_errors=True)
-    SCRATCH.mkdir(parents=True, exist_ok=True)
+    sys.dont_write_bytecode = True  # a mutant may be as long and as old, to the second, as the one before
     os.environ |= dict(
         RLCORE_NO_NUMBA="1",
         RLCORE_QUICK_PROPERTIES="1",
@@ -409,7 +410,9 @@ def main(arguments):
         PYTEST_DISABLE_PLUGIN_AUTOLOAD="1",
     )
     if "--sample" in arguments:
-        return sample()
+        with tempfile.TemporaryDirectory() as folder:
+            return sample(folder)
+    SCRATCH.mkdir(parents=True, exist_ok=True)
     if "--worker" in arguments:
         number = int(arguments[arguments.index("--worker") + 1])
         work(number, 2, [m for m in modules if m in TESTS])

@@ -64,8 +64,8 @@ def test_a_setting_is_picked_from_the_table():
         runs(ROWS, lr=0.02)
 
 
-# With narrow vector units the first 20 episodes, some 600 steps, are the same to the step; two of the eight runs part
-# between episodes 80 and 100. Over the table's seeds the mean of the first 100 has a spread of 24 to 39.
+# With five kernels of OpenBLAS and with narrow vector units the first 60 episodes are the same to the step. One or two
+# of the eight runs part between episodes 60 and 100, by at most 12 in a block of 20.
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("setting", [("time", *USUAL), (None, *USUAL), ("normalised", *USUAL), ("time", 4, 0.03, 0.9)])
 def test_a_run_begins_as_the_table_says(setting, seed, monkeypatch):
@@ -74,8 +74,8 @@ def test_a_run_begins_as_the_table_says(setting, seed, monkeypatch):
     again = module.run(*setting, rng(seed))
     baseline, hidden, lr, gamma = setting
     table = runs(ROWS, baseline=baseline or "none", hidden=hidden, lr=lr, gamma=gamma).blocks[seed]
-    assert abs(again["blocks"][0] - table[0]) < 0.051
-    assert abs(again["blocks"].mean() - table[:5].mean()) < 120
+    np.testing.assert_allclose(again["blocks"][:3], table[:3], rtol=0, atol=0.051)
+    np.testing.assert_allclose(again["blocks"][3:], table[3:5], rtol=0, atol=40)
     assert again["steps"] == round(20 * again["blocks"].sum()) and np.isclose(again["last"], again["blocks"].mean())
 
 

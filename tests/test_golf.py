@@ -1,5 +1,7 @@
 """Golf: the exact line, the course's published contours, and bad input."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,9 @@ BUNKER = [r * 31 + c for r in (2, 3) for c in (20, 21, 22)] + [r * 31 + c for r 
 
 @pytest.fixture(scope="module")
 def course():
-    return golf_course()
+    course = golf_course()
+    object.__setattr__(course, "sampler", functools.cache(course.sampler))  # for 200 rollouts, once
+    return course
 
 
 @pytest.fixture(scope="module")

@@ -159,6 +159,8 @@ def test_start_is_a_state_or_a_distribution():
     table = {(0, 0): [(1.0, 2, 0.0)], (1, 0): [(1.0, 0, 0.0)]}
     assert_array_equal(FiniteMDP.from_outcomes(table, start=1).start, [0.0, 1.0, 0.0])
     assert_array_equal(FiniteMDP.from_outcomes(table, start=[0.25, 0.75, 0.0]).start, [0.25, 0.75, 0.0])
+    large = FiniteMDP.from_outcomes({(0, 0): [(1, 0, 0)]}, n_states=10**6, start=0)  # no table of states by states
+    assert_array_equal(np.flatnonzero(large.start), [0])
 
 
 def test_from_arrays_inverts_the_views(mdp):

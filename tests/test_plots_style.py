@@ -21,6 +21,7 @@ from rlcore.plots import style
 def own_style():
     with mpl.rc_context(), warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", "IPython (parent|dir)")  # which it cannot write
         plots.use_style()
         yield
     plt.close("all")

@@ -290,11 +290,16 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="peak memory is read from /proc")
-def test_memory_at_100_000_states():
+def test_memory_at_100_000_states(tmp_path):
     """Process, solver and interpreter together; pymdptoolbox asks for 74 GiB."""
-    run = [sys.executable, "-c", MEMORY]  # twice, for the first may have to compile, which takes 180 MiB more
-    found = [int(subprocess.run(run, capture_output=True, text=True, check=True).stdout) / 1024 for _ in range(2)]
-    assert min(found) < 300  # MiB; measured: 233
+    usual = os.environ.get("NUMBA_CACHE_DIR", "")
+    for folder in (usual, usual, tmp_path, tmp_path):  # until one need not compile, which takes 90 MiB more
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "RLCORE_NOTES": "1"}
+        run = [sys.executable, "-c", MEMORY]
+        done = subprocess.run(run, capture_output=True, text=True, check=True, env=environment)
+        if "compiling" not in done.stderr:
+            break
+    assert int(done.stdout) / 1024 < 300  # MiB; measured: 233
 
 
 # ---------------------------------------------------------------------- one source, two speeds; bad calls

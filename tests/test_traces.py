@@ -39,6 +39,7 @@ from rlcore.traces import (
 
 HERE = Path(__file__).parent
 REFERENCE = json.loads((HERE / "reference_traces.json").read_text())
+DYNA_MAZE = dyna_maze()
 GAMMA, LAM = 0.9, 0.7
 READINGS = ("in order", "summed", "recomputed")
 close = partial(np.testing.assert_allclose, rtol=0, atol=1e-12)
@@ -905,7 +906,7 @@ MAZE += [(0.9, "dutch", 1367), (0.9, "replacing", 1059)]
 def test_maze_of_figure_28(lam, trace, steps):
     """Steps of the first ten episodes, 200 runs; band: 4 standard errors of each of the two means."""
     options = dict(alpha=0.1, epsilon=0.1, trace=trace)
-    runs = [sarsa_lambda(dyna_maze(), 0.95, lam, 10, rng=g, **options) for g in rng(0).spawn(200)]
+    runs = [sarsa_lambda(DYNA_MAZE, 0.95, lam, 10, rng=g, **options) for g in rng(0).spawn(200)]
     found = np.array([run.lengths.sum() for run in runs])
     assert found.mean() == pytest.approx(steps, abs=8 * found.std() / np.sqrt(200))
     positive = np.mean([(run.history[1] > 0).sum() for run in runs])
@@ -919,13 +920,13 @@ RUNS = [(0.01, 9.2, 0.13), (0.05, 7.8, 0.17), (0.1, 6.5, 0.24), (0.2, 4.7, 0.35)
 def test_cuts_of_figure_29(epsilon, mean, share):
     """100 runs; 200 give 9.24, 7.80, 6.53, 4.82, 2.95, 1.63."""
     options = dict(alpha=0.1, epsilon=epsilon, trace="replacing")
-    runs = [watkins_q_lambda(dyna_maze(), 0.95, 0.9, 50, rng=g, **options) for g in rng(0).spawn(100)]
+    runs = [watkins_q_lambda(DYNA_MAZE, 0.95, 0.9, 50, rng=g, **options) for g in rng(0).spawn(100)]
     cuts = np.concatenate([run.cuts for run in runs])
     assert cuts.mean() == pytest.approx(mean, abs=0.2 if epsilon > 0.1 else 0.6)
     assert (cuts <= 2).mean() == pytest.approx(share, abs=0.03)
     if epsilon == 0.1:
         assert np.mean([run.lengths.mean() for run in runs]) == pytest.approx(37, abs=2)
-        slow = [watkins_q_lambda(dyna_maze(), 0.95, 0.0, 50, rng=g, **options) for g in rng(0).spawn(100)]
+        slow = [watkins_q_lambda(DYNA_MAZE, 0.95, 0.0, 50, rng=g, **options) for g in rng(0).spawn(100)]
         assert np.mean([run.lengths.mean() for run in slow]) == pytest.approx(99, abs=4)
 
 

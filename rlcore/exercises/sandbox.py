@@ -13,6 +13,7 @@ import traceback
 from contextlib import redirect_stderr, redirect_stdout
 
 MEMORY = 2 << 30  # bytes that an answer may allocate on top of what the notebook holds
+PATIENCE = 5  # on a busy machine, or asleep, an answer takes longer by the clock than it computes: so many times
 
 
 class Crash(Exception):
@@ -24,10 +25,11 @@ class TimeIsUp(BaseException):
 
 
 def run_guarded(function, seconds):
-    """function() with at most `seconds` of time and MEMORY bytes; raises Crash where it raises or is stopped.
+    """function() with at most `seconds` of computing and MEMORY bytes; raises Crash where it raises or is stopped.
 
-    On systems that fork, function runs in a child process, which is ended when the time is up. Elsewhere (Windows) it
-    runs in a thread that gets an exception when the time is up; memory is not limited there.
+    The clock may show PATIENCE times as much. On systems that fork, function runs in a child process, which is ended
+    when the time is up. Elsewhere (Windows) it runs in a thread that gets an exception when the time is up; memory is
+    not limited there.
     What it prints appears as if it had run here.
     """
     outcome = _in_child(function, seconds) if hasattr(os, "fork") else _in_thread(function, seconds)
@@ -82,6 +84,8 @@ def _in_child(function, seconds):
     if child == 0:
         os.close(read)
         try:
+            signal.signal(signal.SIGPROF, signal.SIG_DFL)
+            signal.setitimer(signal.ITIMER_PROF, seconds)
             _limit_memory()
             outcome = _attempt(function)
             try:
@@ -96,13 +100,15 @@ def _in_child(function, seconds):
     os.close(write)
     data = None
     try:
-        data = _read(read, time.monotonic() + seconds)
+        data = _read(read, time.monotonic() + PATIENCE * seconds)
     finally:
         os.close(read)
         if data is None:
             os.kill(child, signal.SIGKILL)
         _, status = os.waitpid(child, 0)
     if data is None:
+        return "crash", _too_slow(PATIENCE * seconds), ""
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGPROF:
         return "crash", _too_slow(seconds), ""
     if not data:
         reason = f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else "an exit"
@@ -135,9 +141,12 @@ def _limit_memory():
 def _in_thread(function, seconds):
     outcome = []
     thread = threading.Thread(target=lambda: outcome.append(_attempt(function)), daemon=True)
+    computed, clock = time.process_time(), time.monotonic()
     thread.start()
-    thread.join(seconds)
-    if thread.is_alive():
+    while thread.is_alive():
+        thread.join(0.05)
+        if time.process_time() - computed < seconds and time.monotonic() - clock < PATIENCE * seconds:
+            continue
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(TimeIsUp))
         thread.join(1.0)
         return "crash", _too_slow(seconds), ""
