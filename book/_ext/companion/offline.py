@@ -1,11 +1,11 @@
 """Pages ask nothing of any other site: thebe's scripts are dropped; formulas are set when the book is built.
 
-The fonts that every page shows at once are asked for first, so that the first view has them and does not move.
+The fonts are asked for first, so that the first view has them and does not move.
 """
 
 import functools
 
-FONTS = ("serif", "sans", "mono")
+FONTS = ("serif", "serif-italic", "sans", "mono")
 PRELOAD = '<link rel="preload" as="font" type="font/woff2" href="{}" crossorigin>'
 
 
