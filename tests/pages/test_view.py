@@ -102,12 +102,14 @@ CUT = """() => [...document.querySelectorAll("article :is(mjx-math, :not(mjx-con
     }
     return box.right > innerWidth + 1;
 }).map(e => e.outerHTML.slice(0, 120))"""  # beyond the edge of the window or of what hides it; nothing there scrolls
-NO_BAR = """() => [...document.querySelectorAll("article :not(mjx-container *)")].filter(e =>
-    e.scrollWidth > e.clientWidth + 1 && e.clientWidth && ["auto", "scroll"].includes(getComputedStyle(e).overflowX)
-    && e.offsetHeight - e.clientHeight - 2 * e.clientTop < 6
-).map(e => e.outerHTML.slice(0, 120))"""  # scrolls sideways, and nothing shows that it does
-
-
+NO_BAR = """() => [...document.querySelectorAll("article :not(mjx-container *)")].filter(e => {
+    if (e.scrollWidth <= e.clientWidth + 1 || !["auto", "scroll"].includes(getComputedStyle(e).overflowX)) return false;
+    e.scrollLeft = 1e6;
+    const moved = e.scrollLeft;
+    e.scrollLeft = 0;
+    const room = 1 + parseFloat(getComputedStyle(e).paddingRight);
+    return moved > room && e.offsetHeight - e.clientHeight - 2 * e.clientTop < 6;
+}).map(e => e.outerHTML.slice(0, 120))"""  # scrolls sideways by more than its padding, and nothing shows that it does
 SIZES = ((WIDTH, 100), (640, 200), (360, 100), (320, 100))  # width of the window, size of the text in percent
 
 
