@@ -19,6 +19,7 @@ from rlcore.plots import style
 
 @pytest.fixture(autouse=True)
 def own_style():
+    plt.close("all")
     with mpl.rc_context(), warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", "IPython (parent|dir)")  # which it cannot write
