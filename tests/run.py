@@ -42,17 +42,17 @@ NARROW = {
     "NUMBA_CPU_FEATURES": "",
 }
 ALL = ["*.ipynb", "exercises/*.ipynb"]
-BLAS = ["0[2368]_*.ipynb"]  # the chapters whose results come out of products and factors of larger matrices
+BLAS = ["0[68]_*.ipynb"]  # networks: results that come out of products of larger matrices
 GROUPS = {  # name: (what it is, commands, environment)
     "lint": ("lint and format", [[str(BIN / "ruff"), *c] for c in (["check", "."], ["format", "--check", "."])], {}),
-    "unit": ("unit tests", [pytest("-m", "not pages and not built")], {}),
+    "unit": ("unit tests", [pytest("-p", "no:nbval", "-m", "not pages and not built")], {}),
     "narrow": ("notebooks, one thread, no wide vector units", [nbval(ALL)], threads(1) | NARROW),
     "blas": ("notebooks of large matrices, two threads", [nbval(BLAS)], threads(2)),
     "single": ("notebooks, one thread", [nbval(ALL)], threads(1)),
     "double": ("notebooks, two threads", [nbval(ALL)], threads(2)),
     "html": ("the book is built", [[str(BIN / "jupyter-book"), "build", ".", "-W", "-n", "--keep-going"]], {}),
     "pages": ("built pages", [pytest("--dist", "loadgroup", "-m", "(pages or built) and not slow")], {}),
-    "slow": ("built pages, every element", [pytest("--dist", "loadgroup", "-m", "pages and slow")], {}),
+    "slow": ("built pages, the slower part", [pytest("--dist", "loadgroup", "-m", "pages and slow")], {}),
 }
 
 

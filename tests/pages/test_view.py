@@ -17,9 +17,10 @@ MOVING = [page for page in PAGES if 'class="explore"' in (HTML / page).read_text
 
 def views(pages, settings):
     """Parameters of the tests that share a page: those of one page run one after the other, in one process."""
+    slow = {"no font": [pytest.mark.slow]}
     return [
-        pytest.param((page, setting), id=f"{page}, {setting}", marks=pytest.mark.xdist_group(page))
-        for setting in settings
+        pytest.param((page, at), id=f"{page}, {at}", marks=[pytest.mark.xdist_group(page), *slow.get(at, [])])
+        for at in settings
         for page in pages
     ]
 
@@ -232,6 +233,7 @@ def controls_move(tab):
             assert frames(figure) == [0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", views(MOVING, SETTINGS[:1]), indirect=True)
 def test_controls_move_every_figure(view):
     controls_move(view)
@@ -251,6 +253,7 @@ def test_the_first_view_does_not_move(view):
     assert view.moved < 0.1  # which the web's usual measure (CLS) calls good
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [pytest.param(page, marks=pytest.mark.xdist_group(page)) for page in CHAPTERS])
 def test_the_first_view_on_a_phone_does_not_move(page, tabs):
     assert tabs(page, "phone", 360).evaluate(SHIFT) < 0.1
