@@ -1,5 +1,5 @@
 # make book   build the book to _build/html          make test      what every change must pass, in minutes
-# make check  lint, format and unit tests, quickly   make test-all  that, and what takes longer
+# make check  lint, format, most unit tests          make test-all  that, and what takes longer
 # make lab    open the notebooks in JupyterLab       make outputs   run the notebooks and store what they show
 # make lock   pin all packages anew, with hashes     make clean     remove what the build made
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3 python,$(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print("$(p)")' 2>/dev/null)))
@@ -50,7 +50,7 @@ test-all: $(STAMP)
 	@$(RUN) lint unit html pages slow narrow single double
 
 check: $(STAMP)
-	@$(RUN) lint unit
+	@$(RUN) lint quick
 
 pages: $(STAMP)
 	@.ci/browser

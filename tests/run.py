@@ -46,6 +46,7 @@ BLAS = ["0[68]_*.ipynb"]  # networks: results that come out of products of large
 GROUPS = {  # name: (what it is, commands, environment)
     "lint": ("lint and format", [[str(BIN / "ruff"), *c] for c in (["check", "."], ["format", "--check", "."])], {}),
     "unit": ("unit tests", [pytest("-p", "no:nbval", "-m", "not pages and not built")], {}),
+    "quick": ("unit tests but the long ones", [pytest("-p", "no:nbval", "-m", "not (pages or built or long)")], {}),
     "narrow": ("notebooks, one thread, no wide vector units", [nbval(ALL)], threads(1) | NARROW),
     "blas": ("notebooks of large matrices, two threads", [nbval(BLAS)], threads(2)),
     "single": ("notebooks, one thread", [nbval(ALL)], threads(1)),

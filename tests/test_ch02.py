@@ -129,6 +129,7 @@ def test_branching_mdp_stops_with_its_probability():
     assert (mdp.reward[mdp.next_state == 20] == 0).all() and abs(mdp.reward[:20]).max() > 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("where", ["trajectory", "uniform"])
 def test_spread_updates_reaches_q_star(where):
     mdp = random_mdp(4, 2, rng=np.random.default_rng(1))

@@ -77,6 +77,7 @@ def python(code, **env):
     return done.stdout
 
 
+@pytest.mark.long
 @needs_numba
 def test_compiled_and_interpreted_results_have_the_same_bits():
     code = "import json, test_compiled as t; assert not t.compiled.HAVE_NUMBA; print(json.dumps(t.digests()))"
@@ -147,6 +148,7 @@ if {first}:
 """
 
 
+@pytest.mark.long
 @needs_numba
 def test_compiling_is_announced_once(tmp_path):
     """A line for a function and what it calls, where RLCORE_NOTES=1 asks for it; none from the disk or for others."""

@@ -81,6 +81,7 @@ def test_the_solution_passes(exercise):
     assert verdict(exercise, exercise.bind(exercise.solution)).status == "passed"
 
 
+@pytest.mark.long
 @each
 def test_every_mistake_gets_its_own_message(exercise, ours):
     messages = [wrong.message for wrong in exercise.wrong]
@@ -90,6 +91,7 @@ def test_every_mistake_gets_its_own_message(exercise, ours):
         assert (found.status, found.message) == ("failed", wrong.message)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @each
 def test_no_line_of_the_solution_can_be_left_out(exercise, ours):

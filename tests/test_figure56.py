@@ -87,6 +87,7 @@ def test_solved_is_the_first_window_of_100_that_averages_195():
     assert solved(np.concatenate([np.full(40, 9), np.full(150, 200)])) == 39  # two short ones are made up for
 
 
+@pytest.mark.long
 def test_training_stops_when_it_is_solved():
     run = train(500, stop=True, rng=rng(4))
     assert solved(run.lengths) == run.lengths.size - WINDOW + 1 < 300  # 38 where the table was made; its slowest 160

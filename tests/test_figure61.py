@@ -219,6 +219,7 @@ def test_bad_input_is_refused_by_name(call, words):
         call()
 
 
+@pytest.mark.long
 def test_the_smoke_tier_runs(tmp_path):
     """Three settings and random actions on two tasks, through processes and files; the same call repeats nothing."""
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install -e '.[deep]'")
@@ -243,6 +244,7 @@ def script():
     return module
 
 
+@pytest.mark.long
 def test_a_tenth_of_a_long_run_is_a_short_run(script):
     """What a run has done by then does not depend on how long it goes on; 2,500 is no whole number of rollouts."""
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install -e '.[deep]'")

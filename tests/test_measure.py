@@ -42,6 +42,7 @@ def test_the_mean_return_has_the_least_squared_error():
     assert squared_error(np.array([0.0, 1.0, 0.0]), [([0, 1, 2], [0.0, 3.0])], 0.5) == 1.5**2 + 2.0**2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", [sarsa, q_learning])
 def test_first_updates_follow_each_other(method):
     rows = first_updates(method, cliff_walking(), 1.0, 12, alpha=0.5, epsilon=0.1, rng=np.random.default_rng(0))

@@ -5,8 +5,10 @@ import sys
 from pathlib import Path
 
 import mutation
+import pytest
 
 
+@pytest.mark.long
 def test_broken_update_lines_are_noticed():
     script = Path(__file__).parent / "mutation.py"
     done = subprocess.run([sys.executable, str(script), "--sample"], capture_output=True, text=True)

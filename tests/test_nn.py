@@ -427,6 +427,7 @@ def test_gradient_descent_on_a_parabola():
         assert gradient_descent(lambda v: v, 2.0, lr, 20)[-1] == pytest.approx(v[0], rel=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize(
     "ours, theirs",

@@ -377,6 +377,7 @@ def test_same_generator_same_run():
     assert not np.array_equal(a.lengths, learn(dyna_maze(), 5, n_planning=3, seed=1).lengths)
 
 
+@pytest.mark.long
 def test_plain_python_gives_the_same_bits():
     code = """if True:
         import numpy as np

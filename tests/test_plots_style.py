@@ -195,6 +195,7 @@ def test_a_figure_shown_by_hand_is_not_shown_again_at_the_end_of_the_cell():
     assert plt.get_fignums() == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("last", ["fig = figure()", "figure()", "display(figure())"])
 def test_notebook_shows_a_figure_once(last):
     cells = ["from rlcore import plots; plots.use_style(); figure = lambda: plots.new_figure()[0]", last]

@@ -183,6 +183,7 @@ def test_history_has_a_record_for_each_rollout():
     assert ppo("CartPole-v1", rng=rng(1), n_steps=1).history.steps == pytest.approx(2048, abs=200)  # config=None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("world", ["CartPole-v1", "Pendulum-v1"])
 def test_same_rng_same_run_and_the_twin_in_torch_learns_the_same(world):
     """Float64, so that five updates stay within 1e-8."""
@@ -365,6 +366,7 @@ def test_inverted_pendulum(name):
     assert last_returns("InvertedPendulum-v5", CONFIGS[name], range(2)) > 50
 
 
+@pytest.mark.long
 def test_pendulum():
     """After 24,000 steps: -840 to -226 for seeds 0 to 5; about -1,250 without learning, -1,800 with the minus lost."""
     config = PPOConfig(lr=1e-2, gamma=0.9, lam=0.9, horizon=800, hidden=(32,))

@@ -225,6 +225,7 @@ def on_page(name):
     return re.split(r"[,;] \\qquad", printed(PAGE)[name])[part].strip()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TESTED)
 def test_equation_on_the_page_is_what_rlcore_computes(name):
     check(name, on_page(name))

@@ -157,6 +157,7 @@ def check(name, latex):
     np.testing.assert_allclose(got, [want[i] for i in index], rtol=1e-10, atol=1e-12, err_msg=f"{name}: {latex}")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PAGE)
 def test_update_on_the_page_is_what_rlcore_does(name):
     check(name, printed(PAGE[name])[name])
@@ -193,6 +194,7 @@ def broken():
                 yield pytest.param(name, text, id=f"{name}-{kind}-{i}")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name, latex", list(broken()))
 def test_an_error_in_an_update_is_noticed(name, latex):
     with pytest.raises((AssertionError, SyntaxError, KeyError, IndexError)):

@@ -90,6 +90,7 @@ def test_jupyter_book_stays_below_2_and_torch_is_pinned():
 WORKFLOWS = sorted(str(path) for path in (ROOT / ".github" / "workflows").glob("*.yml"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "command",
     [["zizmor", "--offline", "-q", "--config", str(ROOT / ".github" / "zizmor.yml"), *WORKFLOWS],

@@ -99,6 +99,7 @@ def distance(x, y):
 # ---------------------------------------------------------------------- processes
 
 
+@pytest.mark.long
 @prop()
 @given(processes(), seeds)
 def test_rows_are_distributions(mdp, seed):
@@ -238,6 +239,7 @@ def check_bound(found, exact):
     assert_array_equal(found.history[-1], found.V)
 
 
+@pytest.mark.long
 @prop(80)
 @given(processes(), gammas, seeds, st.booleans(), st.integers(1, 30))
 def test_errors_lie_within_the_bounds(mdp, gamma, seed, in_place, max_iter):
@@ -253,6 +255,7 @@ def test_errors_lie_within_the_bounds(mdp, gamma, seed, in_place, max_iter):
     assert np.abs(V0 - v).max() <= policy_error_bound(mdp, pi, V0, gamma) + 1e-11
 
 
+@pytest.mark.long
 @prop(60)
 @given(processes(ends=True), seeds, st.booleans(), st.integers(1, 20))
 def test_errors_lie_within_the_bounds_at_gamma_1(mdp, seed, in_place, max_iter):

@@ -231,6 +231,7 @@ X = np.random.default_rng(9).normal(size=(N + 1, 2))
 THETA, W = np.random.default_rng(10).normal(size=(2, 2)), np.array([0.7, -0.4])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("discount_states", [False, True])
 @pytest.mark.parametrize("every_step", [False, True])
 @pytest.mark.parametrize("baseline", [None, 2.5, "value"])
@@ -440,6 +441,7 @@ def test_lists_serve_as_arrays_do():
     assert type(objective(two_step(), np.zeros((2, 3)), 0.9)) is float
 
 
+@pytest.mark.long
 @many_runs
 def test_mean_estimate_is_the_exact_gradient_only_with_the_discount():
     """40,000 episodes: within 4 standard errors of the exact gradient; the others are more than 20 away."""
@@ -514,6 +516,7 @@ def corridor_returns(alpha, alpha_w, p_min, every_step, last):
     return np.array([reinforce(mdp, p_min=p_min, max_steps=2000, rng=g, **settings).returns for g in rngs])
 
 
+@pytest.mark.long
 @many_runs
 @pytest.mark.parametrize("name", [name for name, row in REFERENCE.items() if "settings" in row])
 def test_published_corridor_numbers(name):
@@ -533,6 +536,7 @@ def test_published_corridor_numbers(name):
     assert mean == pytest.approx(row["value"], abs=row["band"])
 
 
+@pytest.mark.long
 @many_runs
 def test_the_floor_saves_the_large_step_and_without_baseline_2_to_the_minus_9_fails():
     """fig-53, fig-55: p in [0.001, 0.999], episodes cut at 1,000 steps, 30 runs; 462 of 500 runs stuck there."""
@@ -826,6 +830,7 @@ def test_time_baseline_is_the_mean_of_earlier_returns():
     np.testing.assert_array_equal(b(np.array([1.0, 1.0])), [2.5, 2])
 
 
+@pytest.mark.long
 def test_actions_follow_the_softmax_of_the_network():
     """20,000 steps at one observation: counts within 4 standard errors (0.0035 each)."""
     net = MLP([2, 4, 3], dtype=np.float64, optimizer=SGD(1e-12), rng=rng(1))

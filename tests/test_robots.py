@@ -119,6 +119,7 @@ def test_smoothness_costs_time():
 # ---------------------------------------------------------------------- cans
 
 
+@pytest.mark.long
 def test_can_robot_delivers_when_delivery_pays():
     mdp = can_robot()
     best = value_iteration(mdp, 0.95)
@@ -127,6 +128,7 @@ def test_can_robot_delivers_when_delivery_pays():
     assert mdp.state_names[path.states[-1]][1:] == (BINNED, BINNED)
 
 
+@pytest.mark.long
 def test_can_robot_drops_and_picks_again_when_picking_pays():
     mdp = can_robot(reward_for="pick-up")
     path = rollout(mdp, value_iteration(mdp, 0.95).pi, 60, rng=rng())

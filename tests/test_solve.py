@@ -319,6 +319,7 @@ print(HAVE_NUMBA, digest.hexdigest())
 """
 
 
+@pytest.mark.long
 def test_same_bits_without_numba():
     def run(**extra):
         environment = {**os.environ, **extra}

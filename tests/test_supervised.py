@@ -110,6 +110,7 @@ def test_the_outcome_gradient_of_a_given_episode():
     assert_allclose(g, path.rewards[-1] * scores)
 
 
+@pytest.mark.long
 def test_catch_is_learned_with_a_small_step_more_often_than_with_a_large_one():
     features = np.c_[catch_pixels(), np.ones(250)]
     rates = {

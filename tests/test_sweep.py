@@ -415,6 +415,7 @@ def cluster(tmp_path):
         process.wait()
 
 
+@pytest.mark.long
 def test_a_cluster_that_loses_a_worker_loses_and_repeats_nothing_that_counts(tmp_path, cluster):
     from distributed import Client
 

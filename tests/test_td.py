@@ -63,6 +63,7 @@ def bouncer():
     return FiniteMDP.from_arrays(P, R, terminal=[False, True], start=0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first_visit", [True, False])
 def test_one_episode_of_a_chain_gives_its_returns(first_visit):
     rewards = [-1.0, 2.0, 6.0, 3.0, 2.0]
@@ -469,6 +470,7 @@ def test_each_update_is_that_of_the_equation(learn, alpha):
     assert run.returns.sum() == pytest.approx(sum(step[2] for step in env.steps))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("learn", CONTROL)
 def test_one_action_leaves_td0(learn):
     mdp = chain([1.0, -2.0, 4.0])
@@ -680,6 +682,7 @@ def test_errors_of_batches_on_the_random_walk():
     assert (np.mean(errors["td", 0.5], axis=0) <= np.mean(errors["mc", 0.5], axis=0) + 1e-12).all()
 
 
+@pytest.mark.long
 @many_runs
 def test_returns_on_the_cliff():
     """Sutton and Barto (2018), example 6.6 and figure 6.3."""

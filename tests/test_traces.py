@@ -761,6 +761,7 @@ def digests():
     return found
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not compiled.HAVE_NUMBA, reason="numba is absent or switched off")
 def test_compiled_and_interpreted_results_have_the_same_bits():
     code = "import json, test_traces as t; assert not t.compiled.HAVE_NUMBA; print(json.dumps(t.digests()))"
@@ -827,6 +828,7 @@ GRIDS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", GRIDS)
 def test_walk19_grids(name):
     """Figures 12.3 and 12.8 of Sutton and Barto (2018): every other cell, and the best, in its band for 100 runs."""
