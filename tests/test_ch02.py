@@ -36,6 +36,7 @@ def test_tic_tac_toe_positions_by_hand():
     assert values[0b000000001, 0b000010000] == 0  # corner answered by the centre
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "board, n, value", [((2, 3, 3), 265, 0), ((3, 4, 3), 111973, 1), ((1, 3, 3), 1 + 3 + 6 + 3, 0)]
 )

@@ -118,6 +118,7 @@ print(late.before(cdf, rng), late.after(cdf, rng), mdp.draw(cdf, rng), type(late
 """
 
 
+@pytest.mark.long
 @needs_numba
 @pytest.mark.parametrize("first", [False, True])
 def test_functions_of_several_modules_find_each_other(first, tmp_path):
@@ -206,6 +207,7 @@ def calls(package, *numbers, path=None, **env):
     return [line.split()[2].rstrip(",") if "compiling" in line else int(line) for line in done.stderr.splitlines()]
 
 
+@pytest.mark.long
 @needs_numba
 @pytest.mark.parametrize("folder", ["", "cache"])
 def test_machine_code_is_kept_until_what_it_calls_changes(package, tmp_path, folder):
@@ -214,6 +216,7 @@ def test_machine_code_is_kept_until_what_it_calls_changes(package, tmp_path, fol
     assert calls(package, 2, **env) == [2]
 
 
+@pytest.mark.long
 @needs_numba
 def test_compiled_without_a_writable_folder(package):
     (package / "__pycache__").touch()
@@ -221,6 +224,7 @@ def test_compiled_without_a_writable_folder(package):
     assert calls(package, 1, 1, HOME=nowhere, XDG_CACHE_HOME=nowhere, NUMBA_CACHE_DIR=nowhere) == ["chain", 1] * 2
 
 
+@pytest.mark.long
 @needs_numba
 def test_compiled_in_a_zip(package, tmp_path):
     (package / "link.py").write_text("from rlcore.compiled import compiled\n\n@compiled\ndef link():\n    return 3\n")

@@ -215,6 +215,7 @@ def loop():
         pass
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("answer, patience", [(loop, 1000), (lambda: time.sleep(60), 1)], ids=["loop", "sleep"])
 def test_what_never_ends_is_stopped(answer, patience, monkeypatch):
     monkeypatch.setattr(sandbox, "PATIENCE", patience)
@@ -289,6 +290,7 @@ def run(*arguments, cwd):
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
 
 
+@pytest.mark.long
 def test_the_command_tells_right_from_wrong_and_untouched(tmp_path):
     path = write({"ch01_mdp": CHAPTERS["ch01_mdp"]}, tmp_path)[0]
     untouched = run(path, cwd=tmp_path)
@@ -313,6 +315,7 @@ def test_the_command_tells_right_from_wrong_and_untouched(tmp_path):
     assert "| ch01-return-by-hand | passed |" in (tmp_path / "summary.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_a_notebook_that_is_not_there_is_an_error(tmp_path):
     assert run("nothing.ipynb", cwd=tmp_path).returncode == 2 and run(cwd=tmp_path).returncode == 2
 

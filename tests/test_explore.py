@@ -138,12 +138,14 @@ def test_ids_are_unique_on_a_page_with_two_panels(other):
     assert len({attributes["name"] for tag, attributes in tags if tag == "input"}) == 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fmt", ["svg", "png"])
 def test_same_call_same_bytes(fmt):
     assert panel(fmt=fmt).to_html() == panel(fmt=fmt).to_html()
     assert panel(fmt=fmt).fallback == panel(fmt=fmt).fallback
 
 
+@pytest.mark.long
 def test_same_bytes_in_another_process():
     code = "import hashlib, test_explore as t; print(hashlib.sha256(t.panel().to_html().encode()).hexdigest())"
     here = os.path.dirname(__file__)
@@ -191,6 +193,7 @@ def test_png_frames_are_small_and_readable():
         assert kind == "data:image/png;base64" and base64.b64decode(data).startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_live_panel_changes_its_picture_with_every_control():
     made = panel()
     _, gamma, shape, view = made.widget().children

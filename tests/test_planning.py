@@ -572,6 +572,7 @@ def cartpole_reinforce(n_episodes, *, alpha=0.2, seed=0):
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_reinforce_balances_after_thousands_of_steps():
     for seed in range(3):
         run = cartpole_reinforce(80, seed=seed)

@@ -298,6 +298,7 @@ def test_the_entropy_term_keeps_the_policy_even():
 # ---------------------------------------------------------------------- distance between policies
 
 
+@pytest.mark.long
 def test_an_initial_beta_of_100_is_halved_down_until_the_target_is_met():
     """Published: about 7 to 10 updates; here the 7th is the last that halves it, for each of seeds 0 to 7."""
     for seed in range(2):
@@ -353,12 +354,14 @@ def last_returns(world, config, seeds, n_steps=8192):
     return np.mean([run.returns[-10:].mean() for run in runs])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CONFIGS)
 def test_cartpole(name):
     """After 8,192 steps: 159 (no clipping) to 478 for each of six seeds; 22 without learning, 9 with the minus lost."""
     assert last_returns("CartPole-v1", CONFIGS[name], range(3)) > 120
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CONFIGS)
 def test_inverted_pendulum(name):
     """After 8,192 steps: 76 to 563 for each of four seeds; 6 without learning."""

@@ -112,6 +112,7 @@ def test_rows_are_distributions(mdp, seed):
     assert (np.diff(cdf, axis=2) >= 0).all() and (cdf[:, :, -1] == 1).all()
 
 
+@pytest.mark.long
 @prop()
 @given(processes())
 def test_round_trips(mdp):

@@ -171,6 +171,7 @@ def test_corridor_closed_form_and_its_best_policy():
     )
 
 
+@pytest.mark.long
 def test_exact_ascent_climbs_at_every_step_to_the_best_blind_policy():
     mdp = short_corridor()
     history = gradient_ascent(mdp, START, 1.0, 400, alpha=0.01, features=ALIKE)
@@ -885,6 +886,7 @@ def test_on_episode_hears_of_each_and_may_stop(learn):
     np.testing.assert_array_equal(heard, np.column_stack([run.returns, np.cumsum(run.lengths)]))
 
 
+@pytest.mark.long
 def test_cartpole_is_solved():
     """Mean of the last 100 training episodes at least 475: after 180 to 303 episodes for seeds 0 to 4."""
     seen = []

@@ -137,6 +137,7 @@ def test_can_robot_drops_and_picks_again_when_picking_pays():
     assert {mdp.action_names[a] for a in path.actions[3:]} == {"pick", "drop"}
 
 
+@pytest.mark.long
 def test_can_robot_rules():
     mdp = can_robot()
     index = {state: s for s, state in enumerate(mdp.state_names)}

@@ -289,6 +289,7 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="peak memory is read from /proc")
 def test_memory_at_100_000_states(tmp_path):
     """Process, solver and interpreter together; pymdptoolbox asks for 74 GiB."""

@@ -71,6 +71,7 @@ def test_a_million_parameters_take_the_same_step():
     assert wide.n_parameters == 1_060_002 and wide.theta.dtype == np.float32 and after > before
 
 
+@pytest.mark.long
 def test_the_concept_is_learned_from_labels():
     x, y, names = sup.concept_cards()
     assert x.shape == (12, 7) and (x.sum(axis=1) == 3).all() and len(set(names)) == 12

@@ -579,6 +579,7 @@ def test_expected_sarsa_reaches_the_best_soft_policy():
     assert run.history is None
 
 
+@pytest.mark.long
 @many_runs
 def test_q_learning_reaches_the_optimum_whatever_is_done():
     """Exactly, where moves are certain and alpha = 1; also on the cliff, from a random policy."""

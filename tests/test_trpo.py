@@ -271,6 +271,7 @@ def test_records_are_those_of_the_updates():
     assert len(again.history) == 2 and again.policy.values == again.V and len(run.history) == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("world", ["CartPole-v1", "Pendulum-v1"])
 def test_same_rng_same_run_and_the_twin_in_torch_learns_the_same(world):
     pytest.importorskip("torch")
