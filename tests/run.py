@@ -9,6 +9,7 @@ import resource
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -19,7 +20,7 @@ FAILED = re.compile(r"^(?:FAILED|ERROR) .*|^(?:[A-Z]\d+ .*|Would reformat: .*|.*
 
 
 def pytest(*arguments):
-    return [str(BIN / "pytest"), "-n", "2", *arguments]
+    return [str(BIN / "pytest"), "-n", "2", "-rs", *arguments]
 
 
 def nbval(names):
@@ -73,6 +74,11 @@ def run(name):
         text = log.read()
     counts = ", ".join(COUNT.findall(text)) or ("passed" if not any(codes) else "failed")
     print(f"{title}: {counts} ({time.time() - start:.0f} s, {cpu() - before:.0f} s of CPU)", flush=True)
+    reasons = Counter()
+    for number, reason in re.findall(r"^SKIPPED \[(\d+)\] \S+ (.*)$", text, re.M):
+        reasons[reason] += int(number)
+    for reason, number in reasons.items():
+        print(f"  {number} skipped: {reason}", flush=True)
     return not any(codes), text
 
 
