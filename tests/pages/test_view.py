@@ -248,6 +248,7 @@ def test_a_page_is_whole_without_script(page, tabs):
     assert (wide <= 320, cut, bare) == (True, [], [])
 
 
+@pytest.mark.slow
 @every_page
 def test_the_first_view_does_not_move(view):
     assert view.moved < 0.1  # which the web's usual measure (CLS) calls good
