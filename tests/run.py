@@ -1,6 +1,6 @@
 """Run groups of checks, a line for each with its count and its time, and at the end what failed, in one screen.
 
-python tests/run.py lint unit notebooks html pages      the output of each group is in _build/logs
+python tests/run.py lint unit html pages narrow      the output of each group is in _build/logs
 """
 
 import os
@@ -83,6 +83,8 @@ def run(name):
 
 
 def main(names):
+    if unknown := sorted(set(names) - set(GROUPS)):
+        sys.exit(f"groups: got {', '.join(unknown)}; there are {', '.join(GROUPS)}")
     for folder in (LOGS, HOME):
         folder.mkdir(parents=True, exist_ok=True)
     os.environ["HOME"] = str(HOME)  # whatever lies in the caller's, or where there is none that can be written
