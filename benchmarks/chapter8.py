@@ -21,8 +21,9 @@ import gymnasium as gym
 import numpy as np
 
 from rlcore.envs import MDPEnv, dyna_maze
-from rlcore.figure61 import SETTINGS, read
 from rlcore.ppo import PPOConfig, ppo
+from rlcore.studies.figure61 import SETTINGS
+from rlcore.studies.tables import read
 from rlcore.sweep import sweep
 from rlcore.trpo import TRPOConfig, trpo
 

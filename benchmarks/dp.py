@@ -1,4 +1,4 @@
-"""rlcore.dp.solve beside quantecon, pymdptoolbox and mdpsolver: CPU time, peak memory, true error.
+"""rlcore.solver.solve beside quantecon, pymdptoolbox and mdpsolver: CPU time, peak memory, true error.
 
     python benchmarks/dp.py                 every problem and solver that results/dp.csv does not hold yet
     python benchmarks/dp.py --quick         the small problems only
@@ -100,7 +100,7 @@ TARGETS = {"dense": [1, 1, 1], "sparse": [1.5] * 3, "maze": [20, 8, 5], "grid": 
 
 
 def rlcore(mdp, gamma):
-    from rlcore.dp import solve
+    from rlcore.solver import solve
 
     return lambda: lambda: solve(mdp, gamma, TOL)
 
@@ -238,7 +238,7 @@ def reference(problem, mdp, gamma):
     """Values with the smallest certified bound that is quick to have; kept on disk."""
     path = REFERENCE / f"{problem}.npz"
     if not path.exists():
-        from rlcore.dp import solve
+        from rlcore.solver import solve
 
         found = solve(mdp, gamma, 1e-9)
         REFERENCE.mkdir(parents=True, exist_ok=True)

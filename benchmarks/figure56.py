@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rlcore.figure56 import WINDOW, solved, train
+from rlcore.studies.ch07 import WINDOW, solved, train
 from rlcore.sweep import sweep
 
 ROOT = Path(__file__).parents[1]

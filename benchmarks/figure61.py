@@ -23,8 +23,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rlcore.figure61 import RANDOM, SETTINGS, TASKS, average, read, scores
 from rlcore.ppo import PPOConfig, ppo
+from rlcore.studies.figure61 import RANDOM, SETTINGS, TASKS, average, scores
+from rlcore.studies.tables import read
 from rlcore.sweep import sweep
 
 ROOT = Path(__file__).parents[1]

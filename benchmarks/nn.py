@@ -28,7 +28,10 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 from sklearn.neural_network import MLPClassifier  # noqa: E402
 
-from rlcore.nn import MLP, Adam, TorchNet, load_digits_28, sgd  # noqa: E402
+from rlcore.nn import MLP, sgd  # noqa: E402
+from rlcore.optimizers import Adam  # noqa: E402
+from rlcore.studies.ch06 import load_digits_28  # noqa: E402
+from rlcore.torchnet import TorchNet  # noqa: E402
 
 # ---------------------------------------------------------------------- one gradient step
 

@@ -25,8 +25,10 @@ os.environ |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")
 import numpy as np  # noqa: E402
 
 from rlcore.envs import short_corridor  # noqa: E402
-from rlcore.nn import MLP, Adam, TorchNet  # noqa: E402
+from rlcore.nn import MLP  # noqa: E402
+from rlcore.optimizers import Adam  # noqa: E402
 from rlcore.reinforce import reinforce  # noqa: E402
+from rlcore.torchnet import TorchNet  # noqa: E402
 
 RESULTS = Path(__file__).parent / "results" / "reinforce.csv"
 

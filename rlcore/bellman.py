@@ -5,16 +5,18 @@ from functools import cache
 
 import numpy as np
 
-from rlcore.mdp import (
+from rlcore.core.checks import (
     as_floats,
     check_count,
     check_gamma,
+    check_index,
     check_mdp,
     check_policy,
     check_values,
-    deterministic_policy,
+    finite_values,
     is_number,
 )
+from rlcore.mdp import deterministic_policy
 
 
 def q_from_v(mdp, V, gamma):
@@ -111,10 +113,10 @@ def policy_matrix(mdp, pi):
 def is_proper(mdp, pi):
     """Whether pi reaches a terminal state with probability 1 from every state."""
     P, _ = policy_matrix(mdp, pi)
-    return bool(_reaches(P, mdp.terminal).all())
+    return bool(reaches(P, mdp.terminal).all())
 
 
-def _reaches(P, target):
+def reaches(P, target):
     """States from which the chain P can reach the target set, (S,) bool."""
     from scipy.sparse import csr_array, vstack
     from scipy.sparse.csgraph import breadth_first_order
@@ -136,15 +138,15 @@ def solve_policy(mdp, pi, gamma):
     """
     gamma = check_gamma(gamma)
     P, r = policy_matrix(mdp, pi)
-    return _solve_system(P, r, gamma, mdp.terminal)
+    return solve_system(P, r, gamma, mdp.terminal)
 
 
-def _solve_system(P, r, gamma, terminal):
+def solve_system(P, r, gamma, terminal):
     """V with V = r + gamma P V and V = 0 on terminal states."""
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import spsolve
 
-    _require_end(P, gamma, terminal)
+    require_end_of(P, gamma, terminal)
     go = np.flatnonzero(~terminal)
     V = np.zeros(terminal.size)
     P = P[go][:, go]
@@ -155,10 +157,10 @@ def _solve_system(P, r, gamma, terminal):
     return V
 
 
-def _require_end(P, gamma, terminal):
+def require_end_of(P, gamma, terminal):
     """ValueError where a system with P would be singular."""
-    if gamma == 1 and not (reaches := _reaches(P, terminal)).all():
-        s = np.flatnonzero(~reaches)[0]
+    if gamma == 1 and not (ends := reaches(P, terminal)).all():
+        s = np.flatnonzero(~ends)[0]
         raise ValueError(f"pi: never terminates from state {s}, must reach a terminal state when gamma = 1")
 
 
@@ -169,7 +171,7 @@ def expected_visits(mdp, pi, gamma):
     Raises ValueError as `solve_policy` does. Source: Puterman (1994), section 6.9.
     """
     gamma, P, go = check_gamma(gamma), policy_matrix(mdp, pi)[0], ~mdp.terminal
-    _require_end(P, gamma, mdp.terminal)
+    require_end_of(P, gamma, mdp.terminal)
     P, visits = P.toarray()[go][:, go], np.zeros(mdp.n_states)
     visits[go] = np.linalg.solve(np.eye(len(P)) - gamma * P.T, mdp.start[go])
     return visits
@@ -192,7 +194,7 @@ def newton_optimality(mdp, gamma, n_iter, *, V0=0.0):
     history = [V]
     for _ in range(check_count("n_iter", n_iter)):
         P, _ = policy_matrix(mdp, greedy(q_from_v(mdp, V, gamma)))
-        V = V + _solve_system(P, optimality_backup(mdp, V, gamma) - V, gamma, mdp.terminal)
+        V = V + solve_system(P, optimality_backup(mdp, V, gamma) - V, gamma, mdp.terminal)
         history.append(V)
     return np.array(history)
 
@@ -202,7 +204,7 @@ def heuristic_search(mdp, s, depth, gamma, *, V0=0.0):
 
     -inf where a is not in A(s). The error is at most gamma^depth times that of V0. alg-heuristic-search
     """
-    s, depth = check_mdp(mdp)._index("s", s, mdp.n_states), check_count("depth", depth)
+    s, depth = check_index("s", s, check_mdp(mdp).n_states), check_count("depth", depth)
     V, gamma = check_values(mdp, V0, "V0"), check_gamma(gamma)
 
     @cache
@@ -218,3 +220,49 @@ def heuristic_search(mdp, s, depth, gamma, *, V0=0.0):
         return q
 
     return lookahead(s, depth)
+
+
+# ---------------------------------------------------------------------- certified error bounds
+
+
+def policy_error_bound(mdp, pi, V, gamma):
+    """A number that max |V - v_pi| does not exceed, rounding included; (residual + rounding) times the horizon.
+
+    The horizon is 1 / (1 - gamma), or at gamma = 1 the largest expected number of steps to a terminal state under pi.
+    V: (S,). Source: Puterman (1994), theorem 6.3.1; Bertsekas (2012), section 3.2.
+    """
+    V = finite_values(mdp, V)
+    residual = np.abs(expectation_backup(mdp, pi, V, gamma) - V)[~mdp.terminal].max() + _rounding(mdp, V)
+    if gamma < 1:
+        return float(residual / (1 - gamma))
+    P, _ = policy_matrix(mdp, pi)
+    steps = solve_system(P, (~mdp.terminal).astype(float), 1.0, mdp.terminal)
+    return float(residual * steps.max() * (1 + 1e-6))
+
+
+def error_bound(mdp, V, gamma):
+    """A number that max |V - v_*| does not exceed, rounding included; inf where nothing can be certified.
+
+    gamma < 1: (residual + rounding) / (1 - gamma). gamma = 1 with a cost on every step: v_* lies between the value of
+    the greedy policy and V plus the residual times the number of steps that an optimal policy can afford.
+    V: (S,). Source: Puterman (1994), theorem 6.3.1; Bertsekas and Tsitsiklis (1991).
+    """
+    V = finite_values(mdp, V)
+    change, rounding = (optimality_backup(mdp, V, gamma) - V)[~mdp.terminal], _rounding(mdp, V)
+    if gamma < 1:
+        return float((np.abs(change).max() + rounding) / (1 - gamma))
+    cost = -np.where(mdp.legal, mdp.expected_reward(), -np.inf)[~mdp.terminal].max()
+    if cost <= 0:
+        return np.inf
+    P, r = policy_matrix(mdp, greedy(q_from_v(mdp, V, gamma)))
+    if not reaches(P, mdp.terminal).all():
+        return np.inf
+    lower = solve_system(P, r, 1.0, mdp.terminal)
+    most_steps = -lower.min() / cost * (1 + 1e-6)
+    above = (max(change.max(), 0.0) + rounding) * most_steps
+    return float(max(np.max(V - lower), above) + rounding * most_steps)
+
+
+def _rounding(mdp, V):
+    """How far a computed backup of V may lie from the exact one."""
+    return (mdp.prob.shape[2] + 4) * np.finfo(float).eps * (np.abs(mdp.reward).max() + np.abs(V).max())

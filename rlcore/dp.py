@@ -2,19 +2,11 @@
 
 import numpy as np
 
-from rlcore.bellman import (
-    _reaches,
-    _solve_system,
-    expectation_backup,
-    greedy,
-    optimality_backup,
-    policy_matrix,
-    q_from_v,
-    solve_policy,
-)
-from rlcore.compiled import compiled
-from rlcore.mdp import check_count, check_gamma, check_policy, check_values, is_number, uniform_policy
-from rlcore.results import Solution
+from rlcore.bellman import error_bound, greedy, policy_error_bound, policy_matrix, q_from_v, reaches, solve_policy
+from rlcore.core.checks import check_count, check_gamma, check_policy, check_tol, finite_values
+from rlcore.core.compiled import compiled
+from rlcore.core.results import Solution
+from rlcore.mdp import uniform_policy
 
 
 def policy_evaluation(mdp, pi, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=100_000):
@@ -26,9 +18,9 @@ def policy_evaluation(mdp, pi, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_i
     Source: Sutton and Barto (2018), section 4.1.
     """
     pi, gamma = check_policy(mdp, pi), check_gamma(gamma)
-    tol, max_iter = _check_tol(tol), check_count("max_iter", max_iter)
+    tol, max_iter = check_tol(tol), check_count("max_iter", max_iter)
     _require_end(mdp, pi, gamma, "pi: never terminates")
-    V = _finite_values(mdp, V0, "V0")
+    V = finite_values(mdp, V0, "V0")
     history, delta = [V], np.inf
     while delta >= tol and len(history) <= max_iter:
         V_new = V.copy()
@@ -100,9 +92,9 @@ def value_iteration(mdp, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=10
     policy is greedy for V; history has one row a sweep. Raises ValueError at gamma = 1 where no policy can end from
     some state. Source: Bellman (1957); Puterman (1994), section 6.3.
     """
-    gamma, tol, max_iter = check_gamma(gamma), _check_tol(tol), check_count("max_iter", max_iter)
+    gamma, tol, max_iter = check_gamma(gamma), check_tol(tol), check_count("max_iter", max_iter)
     _require_end(mdp, uniform_policy(mdp), gamma, "gamma: got 1, but no policy terminates")
-    V = _finite_values(mdp, V0, "V0")
+    V = finite_values(mdp, V0, "V0")
     history, delta = [V], np.inf
     while delta >= tol and len(history) <= max_iter:
         V_new = V.copy()
@@ -138,82 +130,10 @@ def _model(mdp):
     return mdp.next_state, mdp.prob, mdp.reward, mdp.terminal
 
 
-def _check_tol(tol):
-    if not is_number(tol) or not 0 < tol < np.inf:
-        raise ValueError(f"tol: got {tol!r}, must be a positive number")
-    return float(tol)
-
-
-def _finite_values(mdp, V, name="V"):
-    V = check_values(mdp, V, name)
-    if not np.isfinite(V).all():
-        raise ValueError(f"{name}: contains {V[~np.isfinite(V)][0]:g}, must be finite")
-    return V
-
-
 def _require_end(mdp, pi, gamma, fault):
     """ValueError at gamma = 1 unless pi reaches a terminal state from everywhere; uniform pi does where any does."""
     if gamma == 1:
-        ends = _reaches(policy_matrix(mdp, pi)[0], mdp.terminal)
+        ends = reaches(policy_matrix(mdp, pi)[0], mdp.terminal)
         if not ends.all():
             s = np.flatnonzero(~ends)[0]
             raise ValueError(f"{fault} from state {s}, must reach a terminal state when gamma = 1")
-
-
-# ---------------------------------------------------------------------- certified error bounds
-
-
-def policy_error_bound(mdp, pi, V, gamma):
-    """A number that max |V - v_pi| does not exceed, rounding included; (residual + rounding) times the horizon.
-
-    The horizon is 1 / (1 - gamma), or at gamma = 1 the largest expected number of steps to a terminal state under pi.
-    V: (S,). Source: Puterman (1994), theorem 6.3.1; Bertsekas (2012), section 3.2.
-    """
-    V = _finite_values(mdp, V)
-    residual = np.abs(expectation_backup(mdp, pi, V, gamma) - V)[~mdp.terminal].max() + _rounding(mdp, V)
-    if gamma < 1:
-        return float(residual / (1 - gamma))
-    P, _ = policy_matrix(mdp, pi)
-    steps = _solve_system(P, (~mdp.terminal).astype(float), 1.0, mdp.terminal)
-    return float(residual * steps.max() * (1 + 1e-6))
-
-
-def error_bound(mdp, V, gamma):
-    """A number that max |V - v_*| does not exceed, rounding included; inf where nothing can be certified.
-
-    gamma < 1: (residual + rounding) / (1 - gamma). gamma = 1 with a cost on every step: v_* lies between the value of
-    the greedy policy and V plus the residual times the number of steps that an optimal policy can afford.
-    V: (S,). Source: Puterman (1994), theorem 6.3.1; Bertsekas and Tsitsiklis (1991).
-    """
-    V = _finite_values(mdp, V)
-    change, rounding = (optimality_backup(mdp, V, gamma) - V)[~mdp.terminal], _rounding(mdp, V)
-    if gamma < 1:
-        return float((np.abs(change).max() + rounding) / (1 - gamma))
-    cost = -np.where(mdp.legal, mdp.expected_reward(), -np.inf)[~mdp.terminal].max()
-    if cost <= 0:
-        return np.inf
-    P, r = policy_matrix(mdp, greedy(q_from_v(mdp, V, gamma)))
-    if not _reaches(P, mdp.terminal).all():
-        return np.inf
-    lower = _solve_system(P, r, 1.0, mdp.terminal)
-    most_steps = -lower.min() / cost * (1 + 1e-6)
-    above = (max(change.max(), 0.0) + rounding) * most_steps
-    return float(max(np.max(V - lower), above) + rounding * most_steps)
-
-
-def _rounding(mdp, V):
-    """How far a computed backup of V may lie from the exact one."""
-    return (mdp.prob.shape[2] + 4) * np.finfo(float).eps * (np.abs(mdp.reward).max() + np.abs(V).max())
-
-
-from rlcore._solve import solve  # noqa: E402  the quick one, in a module of its own
-
-__all__ = [
-    "error_bound",
-    "policy_error_bound",
-    "policy_evaluation",
-    "policy_improvement",
-    "policy_iteration",
-    "solve",
-    "value_iteration",
-]

@@ -15,7 +15,9 @@ from dataclasses import dataclass
 from urllib.parse import quote
 
 MAX_FRAMES = 40
+
 GREEK = {"alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "theta": "θ", "lam": "λ", "pi": "π"}
+
 CSS = """
 #{u} {{margin:0 0 1rem;color:inherit}}
 #{u} .title {{font-weight:600;margin:0 0 .4rem}}

@@ -9,12 +9,7 @@ Source: Schulman et al. (2015, 2017).
 import torch
 from torch.distributions import Categorical, Independent, Normal, kl_divergence
 
-from rlcore.optimizers import check_positive
-
-__all__ = [
-    "clip_objective", "distribution", "entropy", "kl_penalised", "label_objective", "mean_kl", "pg_objective",
-    "ppo_objective", "ratio", "surrogate", "value_loss",
-]  # fmt: skip
+from rlcore.core.checks import check_positive
 
 
 def distribution(outputs):

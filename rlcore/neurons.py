@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.mdp import as_floats, check_count, is_number
+from rlcore.core.checks import as_floats, check_count, is_number
 
 # ---------------------------------------------------------------------- activations
 

@@ -4,38 +4,9 @@ import copy
 
 import numpy as np
 
-from rlcore.descent import gradient_descent
-from rlcore.digits import load_digits_28, load_mnist
-from rlcore.mdp import as_floats, check_count, check_function, check_rng
-from rlcore.neurons import (
-    ACTIVATIONS,
-    COSTS,
-    bump,
-    check_dtype,
-    check_name,
-    cross_entropy,
-    cross_entropy_gradient,
-    linear,
-    neuron,
-    one_hot,
-    quadratic_cost,
-    quadratic_gradient,
-    relu,
-    sigmoid,
-    step_neuron,
-    step_position,
-    tanh,
-    tower,
-)
-from rlcore.optimizers import SGD, Adam, GradientDescent, check_optimizer, check_positive, take_step
-from rlcore.torchnet import TorchNet
-
-__all__ = [
-    "ACTIVATIONS", "COSTS", "MLP", "SGD", "Adam", "GradientDescent", "TorchNet", "backprop", "bump", "cross_entropy",
-    "cross_entropy_gradient", "gradient_check", "gradient_descent", "linear", "load_digits_28", "load_mnist", "neuron",
-    "one_hot", "quadratic_cost", "quadratic_gradient", "relu", "sgd", "sigmoid", "step_bump_network", "step_neuron",
-    "step_position", "tanh", "tower",
-]  # fmt: skip
+from rlcore.core.checks import as_floats, check_count, check_function, check_positive, check_rng
+from rlcore.neurons import ACTIVATIONS, COSTS, check_dtype, check_name
+from rlcore.optimizers import check_optimizer, take_step
 
 INITIAL = {  # name: standard deviation of the weights of a layer with n_in inputs and n_out neurons
     "xavier": lambda n_in, n_out: np.sqrt(2 / (n_in + n_out)),

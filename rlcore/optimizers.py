@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.mdp import is_number
+from rlcore.core.checks import check_count, check_function, check_positive, is_number
 
 
 class SGD:
@@ -74,25 +74,21 @@ def _check_gradient(theta, gradient, state):
         raise ValueError(f"gradient: got shape {shape}, must be {theta.shape}, the same in every update")
 
 
-def check_positive(name, value):
-    if not is_number(value) or not 0 < value < np.inf:
-        raise ValueError(f"{name}: got {value!r}, must be a number above 0")
-    return float(value)
-
-
-def check_nonnegative(name, value):
-    if not is_number(value) or not 0 <= value < np.inf:
-        raise ValueError(f"{name}: got {value!r}, must be a number, 0 or more")
-    return float(value)
-
-
-def check_fraction(name, value):
-    if not is_number(value) or not 0 < value < 1:
-        raise ValueError(f"{name}: got {value!r}, must be above 0 and below 1")
-    return float(value)
-
-
 def _check_decay(name, value):
     if not is_number(value) or not 0 <= value < 1:
         raise ValueError(f"{name}: got {value!r}, must be a number in [0, 1)")
     return float(value)
+
+
+def gradient_descent(gradient, v, epsilon, n_steps):
+    """v_0 ... v_n of v <- v - epsilon C'(v), shape (n_steps + 1,). fig-11, ex-learning-rate
+
+    gradient: C', a function of one number. v: start. epsilon: the learning rate; a negative one ascends.
+    On C(v) = L v^2 / 2 each step multiplies v by 1 - epsilon L: it converges for 0 < epsilon < 2 / L.
+    """
+    if not np.isfinite(epsilon):
+        raise ValueError(f"epsilon: got {epsilon!r}, must be a finite number")
+    history, gradient = [float(v)], check_function("gradient", gradient, "a number")
+    for _ in range(check_count("n_steps", n_steps)):
+        history.append(history[-1] - epsilon * gradient(history[-1]))
+    return np.array(history)

@@ -7,30 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.bellman import check_q
-from rlcore.compiled import compiled
-from rlcore.dp import value_iteration
-from rlcore.experience import books
-from rlcore.mdp import (
-    FiniteMDP,
+from rlcore.core.checks import (
     check_count,
     check_gamma,
+    check_index,
     check_policy,
     check_probability,
+    check_rate,
     check_rng,
-    cumulative,
-    draw,
-    rollout,
-    step,
+    check_world,
 )
-from rlcore.results import Run
-from rlcore.tabular import check_rate, check_world, epsilon_greedy, max_value, soft_greedy
-
-
-@dataclass(frozen=True, eq=False)
-class PlanningRun(Run):
-    """A Run that keeps the model it learned, so that it can answer `predict`. ex-prediction-test"""
-
-    model: FiniteMDP | None = None
+from rlcore.core.compiled import compiled
+from rlcore.core.results import PlanningRun
+from rlcore.core.sampling import cumulative, draw, step
+from rlcore.core.worlds import books
+from rlcore.dp import value_iteration
+from rlcore.mdp import FiniteMDP, rollout
+from rlcore.policies import epsilon_greedy, max_value, soft_greedy
 
 
 def predict(run, s, a):
@@ -41,7 +34,7 @@ def predict(run, s, a):
     model = getattr(run, "model", None)
     if model is None:
         raise ValueError(f"run: {type(run).__name__} keeps no model, must be the result of a model-based method")
-    s, a = model._index("s", s, model.n_states), model._index("a", a, model.n_actions)
+    s, a = check_index("s", s, model.n_states), check_index("a", a, model.n_actions)
     p = np.bincount(model.next_state[s, a], weights=model.prob[s, a], minlength=model.n_states)
     return p, float(model.prob[s, a] @ model.reward[s, a])
 
@@ -87,7 +80,7 @@ def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=
     that no state can beat makes the planner try everything once (optimism). Source: Brafman and Tennenholtz (2002).
     """
     S, A = check_count("n_states", n_states), check_count("n_actions", n_actions)
-    terminal = {FiniteMDP._index("terminal", s, S) for s in terminal}
+    terminal = {check_index("terminal", s, S) for s in terminal}
     legal = np.ones((S, A), bool) if legal is None else np.asarray(legal, bool)
     if legal.shape != (S, A):
         raise ValueError(f"legal: got shape {legal.shape}, must be {(S, A)}")

@@ -22,18 +22,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.actor_critic import make_agent
-from rlcore.mdp import check_count, check_rng
-from rlcore.optimizers import check_nonnegative, check_positive
-from rlcore.rollouts import Settings, gae, learning_data, make_run, rollouts, vector_env
-from rlcore.surrogates import adapt_beta
-
-__all__ = [
-    "OBJECTIVES", "PPOConfig", "adapt_beta", "clip_gradient", "gae", "objective_gradient", "ppo", "surrogate_gradient",
-]  # fmt: skip
+from rlcore.core.agents import make_agent
+from rlcore.core.checks import check_count, check_nonnegative, check_positive, check_rng
+from rlcore.core.rollouts import Settings, make_run, rollouts, vector_env
+from rlcore.gae import learning_data
+from rlcore.trust_region import adapt_beta
 
 OBJECTIVES = ("clip", "none", "kl_fixed", "kl_adaptive")
+
 MAX_LOG_RATIO = 20.0  # exp of more overflows float32 once it is multiplied, as happens without clipping
+
 FIELDS = ("steps", "kl", "largest_ratio", "outside", "entropy", "value_loss", "beta", "lr")
 
 

@@ -2,35 +2,25 @@
 
 import numpy as np
 
-from rlcore.compiled import compiled
-from rlcore.experience import FOREVER, act, books, check_max_steps, reset, run_loop, spaces
-from rlcore.mdp import FiniteMDP, check_count, check_function, check_gamma, check_rng, discounted_returns, is_number
-from rlcore.nn import MLP, Adam, check_network
-from rlcore.policies import Categorical
-from rlcore.policy_gradient import (
-    _add_score,
-    _check_p_min,
-    _check_step,
-    _choose,
-    _dot,
-    _features,
-    _parameters,
-    _probabilities,
-    episode_gradient,
-    grad_log_softmax,
-    gradient_ascent,
-    gradient_estimates,
-    objective,
-    policy_gradient_exact,
-    softmax,
+from rlcore.core.checks import check_count, check_function, check_gamma, check_rng, is_number
+from rlcore.core.compiled import compiled
+from rlcore.core.results import Run
+from rlcore.core.worlds import FOREVER, act, books, check_max_steps, reset, run_loop, spaces
+from rlcore.mdp import FiniteMDP, discounted_returns
+from rlcore.nn import MLP, check_network
+from rlcore.optimizers import Adam
+from rlcore.policies import (
+    Categorical,
+    add_score,
+    check_features,
+    check_p_min,
+    check_parameters,
+    check_step,
+    choose,
+    dot,
+    probabilities,
     softmax_policy,
 )
-from rlcore.results import Run
-
-__all__ = [
-    "actor_critic", "episode_gradient", "grad_log_softmax", "gradient_ascent", "gradient_estimates", "objective",
-    "policy_gradient_exact", "reinforce", "reinforce_linear", "softmax", "softmax_policy",
-]  # fmt: skip
 
 # ---------------------------------------------------------------------- learning: softmax policies
 
@@ -62,21 +52,21 @@ def _reinforce(
             if n == states.size:  # no longer episode so far
                 states, actions = np.append(states, states), np.append(actions, actions)
                 rewards, G = np.append(rewards, rewards), np.append(G, G)
-            states[n], actions[n] = s, _choose(_probabilities(pi, theta, X[s], legal[s], p_min), rng)
+            states[n], actions[n] = s, choose(probabilities(pi, theta, X[s], legal[s], p_min), rng)
             s, rewards[n], terminated, truncated = act(world, s, actions[n], rng)
             returns[k] += rewards[n]
             n += 1
             done = terminated or truncated or n == max_steps
         lengths[k] = n
-        G[n] = 0.0 if terminated else _dot(w, X[s])  # a return that was cut goes on with the estimate, if there is one
+        G[n] = 0.0 if terminated else dot(w, X[s])  # a return that was cut goes on with the estimate, if there is one
         for t in range(n - 1, -1, -1):
             G[t] = rewards[t] + gamma * G[t + 1]  # eq-u-alg2-return
         g, g_w, discount = np.zeros_like(theta), np.zeros_like(w), 1.0
         for t in range(n):
             s = states[t]
-            delta = G[t] - b - _dot(w, X[s])
-            _probabilities(pi, theta, X[s], legal[s], p_min)
-            _add_score(g, discount * delta, pi, X[s], actions[t])  # eq-u-alg2-gradient, eq-u-reinforce-baseline
+            delta = G[t] - b - dot(w, X[s])
+            probabilities(pi, theta, X[s], legal[s], p_min)
+            add_score(g, discount * delta, pi, X[s], actions[t])  # eq-u-alg2-gradient, eq-u-reinforce-baseline
             g_w += delta * X[s]
             if every_step or t == n - 1:
                 theta += alpha * g  # eq-u-alg2-update
@@ -85,29 +75,6 @@ def _reinforce(
                 g_w[:] = 0.0
             if discount_states:
                 discount *= gamma
-        if record and (k + 1) % record == 0:
-            history[(k + 1) // record] = theta
-    return returns, lengths, history
-
-
-@compiled
-def _actor_critic(
-    world, X, legal, gamma, n_episodes, alpha, alpha_w, theta, w, discount_states, p_min, max_steps, record, rng
-):
-    (history, returns, lengths), pi = books(theta, n_episodes, record), np.zeros(len(theta))
-    for k in range(n_episodes):
-        s, done, discount = reset(world, rng), False, 1.0
-        while not done:
-            a = _choose(_probabilities(pi, theta, X[s], legal[s], p_min), rng)
-            s_next, r, terminated, truncated = act(world, s, a, rng)
-            delta = r + gamma * _dot(w, X[s_next]) * (not terminated) - _dot(w, X[s])  # om-baseline-update
-            w += alpha_w * delta * X[s]
-            _add_score(theta, alpha * discount * delta, pi, X[s], a)
-            if discount_states:
-                discount *= gamma
-            returns[k] += r
-            lengths[k] += 1
-            s, done = s_next, terminated or truncated or lengths[k] == max_steps
         if record and (k + 1) % record == 0:
             history[(k + 1) // record] = theta
     return returns, lengths, history
@@ -138,7 +105,7 @@ def reinforce(
     Source: Williams (1992); Sutton and Barto (2018), sections 13.3 and 13.4.
     """
     world, gamma, n_episodes = _world(world), check_gamma(gamma), check_count("n_episodes", n_episodes)
-    alpha, alpha_w, rng = _check_step("alpha", alpha), _check_step("alpha_w", alpha_w, least=0), check_rng(rng)
+    alpha, alpha_w, rng = check_step("alpha", alpha), check_step("alpha_w", alpha_w, least=0), check_rng(rng)
     if _is_box(world):
         _only_for("FiniteMDPs", features=(features, None), theta0=(theta0, 0.0), w0=(w0, 0.0), p_min=(p_min, 0.0))
         b = _check_baseline(baseline, ("value", "time", "normalised"))
@@ -158,31 +125,6 @@ def reinforce(
     settings = X, legal, gamma, n_episodes, alpha, alpha_w, b, theta, w, *flags
     returns, lengths, history = run_loop(_reinforce, world, *settings, rng=rng)
     return _run(world, returns, lengths, X, legal, theta, w if baseline == "value" else None, p_min, history, record)
-
-
-def actor_critic(
-    world, *, n_episodes, gamma=0.99, alpha=0.01, alpha_w=0.01, discount_states=False, max_steps=None,
-    features=None, theta0=0.0, w0=0.0, p_min=0.0, record=1, net=None, critic=None, on_episode=None, rng,
-):  # fmt: skip
-    """One-step actor-critic: after each step, delta = R + gamma v_hat(S') - v_hat(S) moves both. alg-actor-critic
-
-    Arguments and result as for `reinforce`. alpha_w = 0 leaves v_hat at w0. A step that truncates the episode
-    bootstraps like any other. cl-112, om-baseline-update
-    Source: Barto, Sutton and Anderson (1983); Sutton and Barto (2018), section 13.5.
-    """
-    world, gamma, n_episodes = _world(world), check_gamma(gamma), check_count("n_episodes", n_episodes)
-    alpha, alpha_w, rng = _check_step("alpha", alpha), _check_step("alpha_w", alpha_w, least=0), check_rng(rng)
-    if _is_box(world):
-        _only_for("FiniteMDPs", features=(features, None), theta0=(theta0, 0.0), w0=(w0, 0.0), p_min=(p_min, 0.0))
-        limit = FOREVER if max_steps is None else check_count("max_steps", max_steps)
-        net, critic = _networks(world, net, critic, alpha, alpha_w, rng)
-        settings = gamma, n_episodes, bool(discount_states), limit, on_episode, rng
-        return Run(*_actor_critic_network(world, net, critic, *settings), V=critic, policy=net)
-    _only_for("Box observations", net=(net, None), critic=(critic, None), on_episode=(on_episode, None))
-    legal, X, theta, w, p_min, limit, record = _linear(world, features, theta0, w0, p_min, max_steps, record)
-    settings = X, legal, gamma, n_episodes, alpha, alpha_w, theta, w, bool(discount_states), p_min, limit, record
-    returns, lengths, history = run_loop(_actor_critic, world, *settings, rng=rng)
-    return _run(world, returns, lengths, X, legal, theta, w, p_min, history, record)
 
 
 # ---------------------------------------------------------------------- learning: networks
@@ -236,31 +178,6 @@ class TimeBaseline:
         self.total[: G.size] += G
         self.count[: G.size] += 1
         return b
-
-
-def _actor_critic_network(env, net, critic, gamma, n_episodes, discount_states, max_steps, on_episode, rng):
-    if on_episode is not None:
-        check_function("on_episode", on_episode, "(return, steps so far)")
-    returns, lengths = [], []
-    env.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
-    for _ in range(n_episodes):
-        (s, _), total, n, discount, done = env.reset(), 0.0, 0, 1.0, False
-        while not done:
-            policy = Categorical(net.forward(s))
-            a = policy.sample(rng)
-            s_next, r, terminated, truncated, _ = env.step(int(a))
-            v_next = 0.0 if terminated else critic.forward(s_next)[0]
-            delta = r + gamma * v_next - critic.forward(s)[0]  # om-baseline-update
-            critic.step(critic.backward(np.array([-delta])))
-            net.step(net.backward(-discount * delta * policy.grad_log_prob(a)))
-            total, n, s = total + r, n + 1, s_next
-            discount *= gamma if discount_states else 1.0
-            done = terminated or truncated or n == max_steps
-        returns.append(total)
-        lengths.append(n)
-        if on_episode is not None and on_episode(float(total), sum(lengths)):
-            break
-    return np.array(returns, float), np.array(lengths)
 
 
 def _player(env, net, max_steps, rng):
@@ -337,15 +254,15 @@ def _networks(env, net, critic, alpha, alpha_w, rng):
 
 
 def _network(n_in, n_out, alpha, rng):
-    return MLP([n_in, 32, n_out], optimizer=Adam(_check_step("alpha_w", alpha)), rng=rng)
+    return MLP([n_in, 32, n_out], optimizer=Adam(check_step("alpha_w", alpha)), rng=rng)
 
 
 def _linear(world, features, theta0, w0, p_min, max_steps, record):
     """Checked settings of the loops with a softmax policy."""
     legal, _ = spaces(world)
-    X, p_min = _features(features, len(legal)), _check_p_min(p_min, legal.shape[1])
-    theta = _parameters("theta0", theta0, (legal.shape[1], X.shape[1]))
-    w = _parameters("w0", w0, (X.shape[1],))
+    X, p_min = check_features(features, len(legal)), check_p_min(p_min, legal.shape[1])
+    theta = check_parameters("theta0", theta0, (legal.shape[1], X.shape[1]))
+    w = check_parameters("w0", w0, (X.shape[1],))
     limit = check_max_steps(world, max_steps, legal / legal.sum(axis=1, keepdims=True))
     return legal, X, theta, w, p_min, limit, check_count("record", record, least=0)
 
@@ -370,32 +287,3 @@ def _only_for(where, **settings):
     for name, (value, default) in settings.items():
         if value is not default and (default is None or np.any(np.asarray(value) != default)):
             raise ValueError(f"{name}: got {value!r}, but it is only for {where}")
-
-
-# ---------------------------------------------------------------------- chapter 3's form
-
-
-def reinforce_linear(start, step, alive, n_actions, gamma, n_episodes, *, alpha, scale=1.0, max_steps=200, rng):
-    """Policy gradient with a softmax that is linear in the state, returns to go and their mean as baseline. cl-025
-
-    start(rng=) -> (d,) first state; step(x, a) -> next state; alive(x) -> whether to go on. Each step pays 1.
-    alpha: step size; scale: (d,) or a number that divides the state, so that its parts are of order 1.
-    Returns a Run; policy is W (A, d), history (n_episodes + 1, A, d). Source: Williams (1992).
-    """
-    gamma, max_steps, rng = check_gamma(gamma), check_count("max_steps", max_steps), check_rng(rng)
-    alpha = _check_step("alpha", alpha)
-    W = np.zeros((check_count("n_actions", n_actions), np.size(start(rng=rng))))
-    lengths, history = [], [W]
-    for _ in range(check_count("n_episodes", n_episodes)):
-        x, features, gradients = start(rng=rng), [], []
-        while len(features) < max_steps and alive(x):
-            probs = softmax(W @ (x / scale))
-            a = min(int((np.cumsum(probs) <= rng.random()).sum()), n_actions - 1)
-            features.append(x / scale)
-            gradients.append(np.eye(n_actions)[a] - probs)  # of log pi(a|x) with respect to the preferences
-            x = step(x, a)
-        G = discounted_returns(np.ones(len(features)), gamma)
-        W = W + alpha * np.einsum("t,ta,td->ad", G - G.mean(), gradients, features) / len(features)
-        lengths.append(len(features))
-        history.append(W)
-    return Run(np.array(lengths, float), np.array(lengths), policy=W, history=np.array(history))

@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rlcore.mdp import check_count
+from rlcore.core.checks import check_count
 
-__all__ = ["Record", "sweep"]
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+
 PACKAGES = ("numpy", "numba", "gymnasium", "torch")
 
 

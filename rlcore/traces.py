@@ -1,45 +1,24 @@
 """Between TD(0) and Monte Carlo: n-step targets, lambda-returns and eligibility traces (chapter 5)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from rlcore.compiled import compiled
-from rlcore.experience import act, books, check_max_steps, reset, run_loop, spaces
-from rlcore.mdp import as_floats, as_integers, check_count, check_gamma, check_probability, check_rng, cumulative, draw
-from rlcore.results import Run
-from rlcore.returns import (
-    check_prediction,
-    complex_backup,
-    error_reduction,
-    forward_increments,
-    lambda_return,
-    lambda_weights,
-    n_step_return,
-    n_step_td,
-    offline_lambda_return,
-    value_run,
-    visited_values,
+from rlcore.core.checks import (
+    as_floats,
+    as_integers,
+    check_count,
+    check_gamma,
+    check_probability,
+    check_q0,
+    check_rate,
+    check_rng,
 )
-from rlcore.tabular import check_q0, check_rate, epsilon_greedy, max_value, soft_greedy
+from rlcore.core.compiled import compiled
+from rlcore.core.results import Run, WatkinsRun
+from rlcore.core.sampling import cumulative, draw
+from rlcore.core.worlds import act, books, check_max_steps, check_prediction, reset, run_loop, spaces, value_run
+from rlcore.nstep import visited_values
+from rlcore.policies import epsilon_greedy, max_value, soft_greedy
 
-__all__ = [
-    "backward_increments",
-    "complex_backup",
-    "error_reduction",
-    "forward_increments",
-    "lambda_return",
-    "lambda_weights",
-    "n_step_return",
-    "n_step_td",
-    "offline_lambda_return",
-    "sarsa_lambda",
-    "td_lambda",
-    "trace_course",
-    "trace_update",
-    "true_online_td_lambda",
-    "watkins_q_lambda",
-]
 TRACES = ("accumulating", "dutch", "replacing")
 
 
@@ -261,13 +240,6 @@ def _sarsa_lambda(world, gamma, lam, n_episodes, alpha, epsilon, keep, Q, max_st
         if record and (i + 1) % record == 0:
             history[(i + 1) // record] = Q
     return returns, lengths, Q, history
-
-
-@dataclass(frozen=True, eq=False)
-class WatkinsRun(Run):
-    """A Run that keeps `cuts`: over how many steps the traces had grown whenever an exploratory action cut them."""
-
-    cuts: np.ndarray | None = None
 
 
 def watkins_q_lambda(

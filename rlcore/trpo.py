@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.actor_critic import make_agent
-from rlcore.mdp import check_count, check_rng
-from rlcore.optimizers import check_fraction, check_nonnegative, check_positive
-from rlcore.rollouts import Settings, fit_values, learning_data, make_run, rollouts, vector_env
-
-__all__ = ["TRPOConfig", "conjugate_gradient", "fisher_vector_product", "trpo", "trpo_step"]
+from rlcore.core.agents import make_agent
+from rlcore.core.checks import check_count, check_fraction, check_nonnegative, check_positive, check_rng
+from rlcore.core.rollouts import Settings, make_run, rollouts, vector_env
+from rlcore.gae import learning_data
 
 FIELDS = ("steps", "kl", "improvement", "shrunk", "entropy", "value_loss")
 
@@ -143,3 +141,13 @@ def trpo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=
         entropy = float(agent.forward(x)[0].entropy().mean())
         history.append((episodes.steps, *record, entropy, value_loss))
     return make_run(agent, episodes, history, FIELDS)
+
+
+def fit_values(agent, x, target, config, rng):
+    """K epochs of minibatch descent on the squared error of v_hat, which is a network of its own. om-value-loss"""
+    for _ in range(config.epochs):
+        order = rng.permutation(len(x))
+        for i in range(0, len(x), config.minibatch):
+            chosen = order[i : i + config.minibatch]
+            error = agent.critic.forward(x[chosen])[:, 0] - target[chosen]
+            agent.critic.step(agent.critic.backward(error[:, None] / error.size))  # om-value-loss

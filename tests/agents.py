@@ -3,8 +3,10 @@
 import gymnasium as gym
 import numpy as np
 
-from rlcore.actor_critic import ActorCritic
-from rlcore.nn import MLP, SGD, TorchNet
+from rlcore.core.agents import ActorCritic
+from rlcore.nn import MLP
+from rlcore.optimizers import SGD
+from rlcore.torchnet import TorchNet
 
 D, A = 3, 2  # numbers in an observation; actions, or numbers in one
 

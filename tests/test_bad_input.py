@@ -8,11 +8,17 @@ import pytest
 from worlds import awkward, loop, stay_or_go
 
 from rlcore import bellman, dp, envs, mdp, td, traces
-from rlcore.experience import check_schedule, decaying
+from rlcore.batch import batch_td
+from rlcore.core.checks import check_rate
 from rlcore.mdp import FiniteMDP, uniform_policy
-from rlcore.reinforce import gradient_ascent, reinforce, reinforce_linear, softmax_policy
-from rlcore.sampling import spread_updates
-from rlcore.tabular import check_rate
+from rlcore.policies import softmax_policy
+from rlcore.policy_gradient import gradient_ascent
+from rlcore.reinforce import reinforce
+from rlcore.schedules import check_schedule, decaying
+from rlcore.solver import solve
+from rlcore.studies.ch02 import cost_of_a_sweep
+from rlcore.studies.ch03 import reinforce_linear, spread_updates
+from rlcore.studies.ch07 import bluff_learning
 
 ROBOT = envs.recycling_robot()  # 2 states, 3 actions; action 2 is not legal in state 0
 PI = uniform_policy(ROBOT)
@@ -225,7 +231,7 @@ CASES = {
     "gamma to iterate values": (lambda: dp.value_iteration(ROBOT, "0.9"), "gamma: got '0.9'", "[0, 1]"),
     "gamma as an array": (lambda: mdp.discounted_return([1.0], np.array([0.9])), "gamma: got array", "[0, 1]"),
     "gamma of a search": (lambda: bellman.heuristic_search(ROBOT, 0, 2, 2), "gamma: got 2", "[0, 1]"),
-    "gamma of solve": (lambda: dp.solve(ROBOT, 1.5), "gamma: got 1.5", "[0, 1]"),
+    "gamma of solve": (lambda: solve(ROBOT, 1.5), "gamma: got 1.5", "[0, 1]"),
     "gamma of Newton": (lambda: bellman.newton_optimality(ROBOT, inf, 1), "gamma: got inf", "[0, 1]"),
     "pi never ends": (lambda: dp.policy_evaluation(ROBOT, PI, 1.0), "pi: never terminates from state 0", "gamma = 1"),
     "no end to plan for": (lambda: dp.value_iteration(loop(), 1.0), "gamma: got 1, but no policy terminates", "0"),
@@ -259,7 +265,7 @@ CASES = {
     "tol infinite": (lambda: dp.value_iteration(ROBOT, 0.9, tol=inf), "tol: got inf", "positive"),
     "tol nan": (lambda: dp.value_iteration(ROBOT, 0.9, tol=nan), "tol: got nan", "positive"),
     "tol in words": (lambda: dp.value_iteration(ROBOT, 0.9, tol="small"), "tol: got 'small'", "positive"),
-    "tol of solve": (lambda: dp.solve(ROBOT, 0.9, tol=0.0), "tol: got 0.0", "positive"),
+    "tol of solve": (lambda: solve(ROBOT, 0.9, tol=0.0), "tol: got 0.0", "positive"),
     "max_iter 0": (lambda: dp.value_iteration(ROBOT, 0.9, max_iter=0), "max_iter: got 0", "at least 1"),
     "max_iter 1.5": (lambda: dp.policy_evaluation(ROBOT, PI, 0.9, max_iter=1.5), "max_iter: got 1.5", "whole number"),
     "max_iter None": (lambda: dp.policy_iteration(ROBOT, 0.9, max_iter=None), "max_iter: got None", "whole number"),
@@ -374,16 +380,16 @@ TAKES_A_NUMBER = {
     "s": lambda x: ROBOT.p(0, 0.0, x, 0),
     "tol": lambda x: dp.value_iteration(ROBOT, 0.9, tol=x),
     "tol of ties": lambda x: bellman.greedy_actions(np.zeros((1, 2)), tol=x),
-    "tol of solve": lambda x: dp.solve(ROBOT, 0.9, tol=x),
-    "tol of batches": lambda x: td.batch_td([([0, 1], [1.0])], 2, 0.9, alpha=0.1, tol=x),
+    "tol of solve": lambda x: solve(ROBOT, 0.9, tol=x),
+    "tol of batches": lambda x: batch_td([([0, 1], [1.0])], 2, 0.9, alpha=0.1, tol=x),
     "alpha": lambda x: check_schedule("alpha", x),
     "epsilon": lambda x: check_schedule("epsilon", x),
     "first": lambda x: decaying(x),
     "rate, power": lambda x: decaying(1.0, rate=x),
     "rate, power of power": lambda x: decaying(1.0, power=x),
     "concentration": lambda x: envs.random_mdp(2, 2, concentration=x, rng=RNG),
-    "n_states": lambda x: envs.cost_of_a_sweep(x),
-    "alpha of bluffs": lambda x: envs.bluff_learning(0.5, 0.4, 1, alpha=x),
+    "n_states": lambda x: cost_of_a_sweep(x),
+    "alpha of bluffs": lambda x: bluff_learning(0.5, 0.4, 1, alpha=x),
     "epsilon of samples": lambda x: spread_updates(ROBOT, 0.9, 1, where="uniform", epsilon=x, rng=RNG),
     "alpha of ascent": lambda x: gradient_ascent(ROBOT, np.zeros((3, 2)), 0.9, 1, alpha=x),
     "p_min": lambda x: softmax_policy(np.zeros((2, 1)), p_min=x),

@@ -10,7 +10,8 @@ from rlcore.bellman import solve_policy
 from rlcore.dp import policy_iteration
 from rlcore.envs import CATCH_COLS, CATCH_ROWS, Catch, catch, catch_pixels
 from rlcore.mdp import rollout, uniform_policy
-from rlcore.nn import MLP, Adam
+from rlcore.nn import MLP
+from rlcore.optimizers import Adam
 from rlcore.reinforce import reinforce
 
 

@@ -7,9 +7,7 @@ from rlcore.bellman import expectation_backup, heuristic_search, optimality_back
 from rlcore.dp import value_iteration
 from rlcore.envs import (
     Metered,
-    board_states,
     branching_mdp,
-    cost_of_a_sweep,
     dyna_maze,
     game_values,
     jumping_walk,
@@ -20,7 +18,8 @@ from rlcore.envs import (
     zero_loop,
 )
 from rlcore.mdp import deterministic_policy, uniform_policy
-from rlcore.sampling import spread_updates
+from rlcore.studies.ch02 import board_states, cost_of_a_sweep
+from rlcore.studies.ch03 import spread_updates
 
 
 def test_tic_tac_toe_has_5478_positions_and_is_a_draw():

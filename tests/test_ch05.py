@@ -6,12 +6,13 @@ import sys
 import numpy as np
 import pytest
 
-from rlcore import returns
+from rlcore import nstep as returns
 from rlcore.bellman import solve_policy
 from rlcore.envs import MDPEnv, random_walk, short_corridor
-from rlcore.measure import repeat, walk_error
+from rlcore.nstep import n_step_return, n_step_td
 from rlcore.plots import backup_spectrum
-from rlcore.traces import n_step_return, n_step_td, trace_course
+from rlcore.studies.ch04 import repeat, walk_error
+from rlcore.traces import trace_course
 
 
 @pytest.mark.parametrize("n", [1, 2, 4, 6])

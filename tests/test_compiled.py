@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from worlds import awkward, gambler
 
-from rlcore import compiled, dp, mdp
+from rlcore import dp, mdp
+from rlcore.core import compiled
 from rlcore.envs import dyna_maze, gridworld, random_mdp, random_walk, recycling_robot
 from rlcore.planning import dyna_q, sample_transitions
+from rlcore.solver import solve
 
 needs_numba = pytest.mark.skipif(not compiled.HAVE_NUMBA, reason="numba is absent or switched off")
 HERE = Path(__file__).parent
@@ -52,7 +54,7 @@ def results():
             for k, x in enumerate(solutions):
                 found[f"sweeps {k} {in_place} {name}"] = [x.V, x.Q, x.pi, x.history, [x.n_iter, x.bound, x.converged]]
         for gamma, tol in ((0.5, 1e-9), (0.9, 1e-4)):
-            x = dp.solve(m, gamma, tol=tol)
+            x = solve(m, gamma, tol=tol)
             found[f"solve {gamma} {name}"] = [x.V, x.Q, x.pi, [x.n_iter, x.bound]]
         x = dp.policy_iteration(m, 0.9)
         found[f"policy_iteration {name}"] = [x.V, x.pi, x.history]
@@ -94,8 +96,8 @@ def test_digest_sees_the_last_bit():
 
 
 LATE = """
-from rlcore.compiled import compiled
-from rlcore.mdp import draw
+from rlcore.core.compiled import compiled
+from rlcore.core.sampling import draw
 
 @compiled
 def before(cdf, rng):
@@ -107,14 +109,14 @@ def after(cdf, rng):
 """
 LINK = """
 import sys, numpy
-from rlcore import compiled, mdp
-assert isinstance(mdp.draw, compiled._Lazy) and mdp.draw.dispatcher is None
+from rlcore.core import compiled, sampling
+assert isinstance(sampling.draw, compiled._Lazy) and sampling.draw.dispatcher is None
 sys.path.insert(0, {folder!r})
 cdf, rng = numpy.array([0.0, 1.0]), numpy.random.default_rng(0)
 if {first}:
-    mdp.draw(cdf, rng)
+    sampling.draw(cdf, rng)
 import late
-print(late.before(cdf, rng), late.after(cdf, rng), mdp.draw(cdf, rng), type(late.before).__name__)
+print(late.before(cdf, rng), late.after(cdf, rng), sampling.draw(cdf, rng), type(late.before).__name__)
 """
 
 
@@ -128,7 +130,7 @@ def test_functions_of_several_modules_find_each_other(first, tmp_path):
 
 
 NESTED = """
-from rlcore.compiled import compiled
+from rlcore.core.compiled import compiled
 
 @compiled
 def outer(x):
@@ -164,7 +166,7 @@ def test_compiling_is_announced_once(tmp_path):
 
 
 CHAIN = """
-from rlcore.compiled import compiled
+from rlcore.core.compiled import compiled
 from rlcore.link import link
 
 @compiled
@@ -175,11 +177,11 @@ CALLS = """
 import sys
 for number in {numbers}:
     with open({link!r}, "w") as file:
-        file.write(f"from rlcore.compiled import compiled\\n\\n@compiled\\ndef link():\\n    return {{number}}\\n")
+        file.write(f"from rlcore.core.compiled import compiled\\n\\n@compiled\\ndef link():\\n    return {{number}}\\n")
     for name in [name for name in sys.modules if name.startswith("rlcore")]:
         del sys.modules[name]
     from rlcore.chain import chain
-    print(number, chain(), sys.modules["rlcore.compiled"].__file__)
+    print(number, chain(), sys.modules["rlcore.core.compiled"].__file__)
     print(number, file=sys.stderr)
 """
 
@@ -189,8 +191,10 @@ def package(tmp_path):
     """rlcore with two functions, one of which calls the other: `chain` gives ten times what `link` returns."""
     package = tmp_path / "site" / "rlcore"
     package.mkdir(parents=True)
+    (package / "core").mkdir()
+    (package / "__init__.py").touch()
     for name in ("__init__.py", "compiled.py"):
-        shutil.copy(Path(compiled.__file__).with_name(name), package)
+        shutil.copy(Path(compiled.__file__).with_name(name), package / "core")
     (package / "chain.py").write_text(CHAIN)
     return package
 
@@ -202,7 +206,7 @@ def calls(package, *numbers, path=None, **env):
     command = [sys.executable, "-W", "error", "-c", CALLS.format(numbers=numbers, link=str(package / "link.py"))]
     done = subprocess.run(command, env=env, cwd=package.parents[1], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    file = path / "rlcore" / "compiled.py" if path else package / "compiled.py"
+    file = (path / "rlcore" if path else package) / "core" / "compiled.py"
     assert done.stdout == "".join(f"{number} {10 * number} {file}\n" for number in numbers)
     return [line.split()[2].rstrip(",") if "compiling" in line else int(line) for line in done.stderr.splitlines()]
 
@@ -227,14 +231,16 @@ def test_compiled_without_a_writable_folder(package):
 @pytest.mark.long
 @needs_numba
 def test_compiled_in_a_zip(package, tmp_path):
-    (package / "link.py").write_text("from rlcore.compiled import compiled\n\n@compiled\ndef link():\n    return 3\n")
+    (package / "link.py").write_text(
+        "from rlcore.core.compiled import compiled\n\n@compiled\ndef link():\n    return 3\n"
+    )
     path = shutil.make_archive(str(tmp_path / "rlcore"), "zip", package.parent)
     assert calls(package, 3, path=Path(path), NUMBA_CACHE_DIR=str(tmp_path / "cache")) == ["chain", 3]
     assert not (tmp_path / "cache").exists()
 
 
 def test_plain_python_where_numba_is_switched_off():
-    code = "from rlcore import mdp; import types; print(isinstance(mdp.draw, types.FunctionType))"
+    code = "from rlcore.core import sampling; import types; print(isinstance(sampling.draw, types.FunctionType))"
     assert python(code, RLCORE_NO_NUMBA="1") == "True\n"
 
 

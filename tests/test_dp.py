@@ -6,18 +6,20 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from worlds import REFERENCE, agrees, awkward, chain, gambler, jacks_car_rental, loop, published, stay_or_go
 
-from rlcore.bellman import greedy_actions, newton_optimality, optimality_backup, q_from_v, solve_policy, v_from_q
-from rlcore.dp import (
+from rlcore.bellman import (
     error_bound,
+    greedy_actions,
+    newton_optimality,
+    optimality_backup,
     policy_error_bound,
-    policy_evaluation,
-    policy_improvement,
-    policy_iteration,
-    solve,
-    value_iteration,
+    q_from_v,
+    solve_policy,
+    v_from_q,
 )
+from rlcore.dp import policy_evaluation, policy_improvement, policy_iteration, value_iteration
 from rlcore.envs import gridworld, random_mdp, random_walk, recycling_robot
 from rlcore.mdp import FiniteMDP, deterministic_policy, uniform_policy
+from rlcore.solver import solve
 
 STEPS = -np.array([0.0, 1, 2, 3, 1, 2, 3, 2, 2, 3, 2, 1, 3, 2, 1, 0])  # to the nearest corner of the 4x4 grid
 SOLVERS = {

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rlcore.envs import balance, steps_upright
-from rlcore.figure56 import WINDOW, runs, solved, train
 from rlcore.plots import steps_balanced
-from rlcore.tables import read
+from rlcore.studies.ch07 import WINDOW, runs, solved, train
+from rlcore.studies.tables import read
 
 ROOT = Path(__file__).parents[1]
 ROWS = read(ROOT / "book" / "data" / "figure56.csv")

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from rlcore.figure61 import (
+from rlcore.ppo import PPOConfig
+from rlcore.studies.figure61 import (
     PUBLISHED,
     RANDOM,
     SETTINGS,
@@ -19,10 +20,9 @@ from rlcore.figure61 import (
     by_seed,
     comparison,
     rank_correlation,
-    read,
     scores,
 )
-from rlcore.ppo import PPOConfig
+from rlcore.studies.tables import read
 from rlcore.sweep import Record
 
 ROOT = Path(__file__).parents[1]

@@ -7,8 +7,9 @@ import pytest
 
 from rlcore.bellman import greedy, solve_policy
 from rlcore.dp import value_iteration
-from rlcore.envs import best_with_club, free_last_stroke, golf_course, golf_line, putting_values
+from rlcore.envs import golf_course, golf_line
 from rlcore.mdp import deterministic_policy, rollout
+from rlcore.studies.ch02 import best_with_club, free_last_stroke, putting_values
 
 TEE, HOLE = 5 * 31 + 4, 5 * 31 + 26
 BUNKER = [r * 31 + c for r in (2, 3) for c in (20, 21, 22)] + [r * 31 + c for r in (7, 8) for c in (22, 23, 24)]

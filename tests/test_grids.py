@@ -5,15 +5,7 @@ import pytest
 
 from rlcore.bellman import greedy_actions, q_from_v, solve_policy
 from rlcore.dp import policy_iteration, value_iteration
-from rlcore.envs import (
-    blocking_maze,
-    cliff_walking,
-    dyna_maze,
-    maze,
-    short_corridor,
-    two_goal_maze,
-    windy_gridworld,
-)
+from rlcore.envs import blocking_maze, cliff_walking, dyna_maze, maze, short_corridor, two_goal_maze, windy_gridworld
 from rlcore.mdp import uniform_policy
 
 UP, DOWN, RIGHT, LEFT = range(4)

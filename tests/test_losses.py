@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from agents import make_small, move, rng, samples
 
-from rlcore.nn import MLP, TorchNet
+from rlcore.nn import MLP
 from rlcore.policies import Categorical, Gaussian
 from rlcore.ppo import PPOConfig, _improve, objective_gradient
-from rlcore.supervised import supervised_logprob_grad
+from rlcore.studies.ch08 import supervised_logprob_grad
+from rlcore.torchnet import TorchNet
 
 torch = pytest.importorskip("torch")
 losses = pytest.importorskip("rlcore.losses")

@@ -8,19 +8,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from worlds import awkward, chain, gridworld5x5, loop, stay_or_go
 
 from rlcore.bellman import solve_policy
-from rlcore.compiled import HAVE_NUMBA
+from rlcore.core.checks import check_count, check_gamma, check_policy, check_values
+from rlcore.core.compiled import HAVE_NUMBA
+from rlcore.core.sampling import cumulative, draw
 from rlcore.envs import gridworld, random_mdp, random_walk, recycling_robot
 from rlcore.mdp import (
     FiniteMDP,
-    check_count,
-    check_gamma,
-    check_policy,
-    check_values,
-    cumulative,
     deterministic_policy,
     discounted_return,
     discounted_returns,
-    draw,
     rollout,
     sample_returns,
     uniform_policy,

@@ -82,7 +82,7 @@ def test_steps_are_outcomes_of_the_process(mdp):
 def test_round_trip(mdp):
     again = FiniteMDP.from_env(MDPEnv(mdp))
     assert again == mdp and (again.state_names, again.action_names) == (mdp.state_names, mdp.action_names)
-    assert FiniteMDP.from_env(mdp.to_env()) == mdp and isinstance(mdp.to_env(), MDPEnv)
+    assert FiniteMDP.from_env(MDPEnv(mdp)) == mdp and isinstance(MDPEnv(mdp), MDPEnv)
     assert FiniteMDP.from_env(gym.wrappers.TimeLimit(MDPEnv(mdp), 5)) == mdp
 
 

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
+from rlcore.batch import batch_mc
 from rlcore.bellman import solve_policy
 from rlcore.dp import policy_iteration, value_iteration
 from rlcore.envs import cliff_walking, dyna_maze, gridworld, random_walk, recycling_robot
 from rlcore.mdp import FiniteMDP, rollout, uniform_policy
-from rlcore.measure import backups_per_second, first_updates, repeat, squared_error, walk_error, with_random_actions
-from rlcore.tabular import soft_greedy
-from rlcore.td import batch_mc, q_learning, sarsa, td0
+from rlcore.policies import soft_greedy
+from rlcore.studies.ch02 import backups_per_second
+from rlcore.studies.ch04 import first_updates, repeat, squared_error, walk_error, with_random_actions
+from rlcore.td import q_learning, sarsa, td0
 
 
 def test_runs_differ_and_come_back():

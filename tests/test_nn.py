@@ -1,5 +1,4 @@
 import copy
-import gzip
 import pickle
 import subprocess
 import sys
@@ -7,38 +6,30 @@ import sys
 import numpy as np
 import pytest
 
-from rlcore.neurons import log_softmax, softmax
-from rlcore.nn import (
+from rlcore.neurons import (
     ACTIVATIONS,
     COSTS,
-    MLP,
-    SGD,
-    Adam,
-    GradientDescent,
-    TorchNet,
-    backprop,
     bump,
-    check_network,
     cross_entropy,
     cross_entropy_gradient,
-    gradient_check,
-    gradient_descent,
     linear,
-    load_digits_28,
-    load_mnist,
+    log_softmax,
     neuron,
     one_hot,
     quadratic_cost,
     quadratic_gradient,
     relu,
-    sgd,
     sigmoid,
-    step_bump_network,
+    softmax,
     step_neuron,
     step_position,
     tanh,
     tower,
 )
+from rlcore.nn import MLP, backprop, check_network, gradient_check, sgd, step_bump_network
+from rlcore.optimizers import SGD, Adam, GradientDescent, gradient_descent
+from rlcore.studies.ch06 import load_digits_28
+from rlcore.torchnet import TorchNet
 
 PRINTED = np.array([0.20, 0.10, 0.55, 0.15, 0.28, 0.30, 0.25, 0.10, 0.21, 0.28])  # the document's a(x)
 TOLERANCE = {np.float32: 1e-5, np.float64: 1e-10}
@@ -673,35 +664,6 @@ def test_one_image_alone_teaches_nothing_about_the_others():
     assert (net.forward(x_test).argmax(axis=1) == labels_test).mean() < 0.3  # cl-096
 
 
-def idx(array):
-    return bytes((0, 0, 8, array.ndim)) + b"".join(n.to_bytes(4, "big") for n in array.shape) + array.tobytes()
-
-
-@pytest.mark.parametrize("packed", [False, True])
-def test_mnist_files(tmp_path, packed):
-    arrays = {}
-    for part, n in (("train", 5), ("t10k", 3)):
-        arrays[f"{part}-images-idx3-ubyte"] = rng(n).integers(0, 256, (n, 28, 28)).astype(np.uint8)
-        arrays[f"{part}-labels-idx1-ubyte"] = rng(n).integers(0, 10, n).astype(np.uint8)
-    for name, array in arrays.items():
-        data = gzip.compress(idx(array)) if packed else idx(array)
-        (tmp_path / (name + ".gz" * packed)).write_bytes(data)
-    x, labels, x_test, labels_test = load_mnist(tmp_path)
-    assert x.dtype == np.float32 and x_test.shape == (3, 784)
-    np.testing.assert_allclose(x.reshape(5, 28, 28) * 255, arrays["train-images-idx3-ubyte"], atol=1e-4)
-    np.testing.assert_array_equal(labels, arrays["train-labels-idx1-ubyte"])
-    np.testing.assert_array_equal(labels_test, arrays["t10k-labels-idx1-ubyte"])
-    (tmp_path / ("t10k-labels-idx1-ubyte" + ".gz" * packed)).unlink()
-    with pytest.raises(ValueError, match="^folder: .*t10k-labels"):
-        load_mnist(tmp_path)
-    (tmp_path / "t10k-labels-idx1-ubyte").write_bytes(idx(np.zeros(4, np.uint8)))
-    with pytest.raises(ValueError, match="^folder: t10k has 3 images and 4 labels"):
-        load_mnist(tmp_path)
-    (tmp_path / "t10k-labels-idx1-ubyte").write_bytes(idx(np.zeros(4, np.uint8))[:-1])
-    with pytest.raises(ValueError, match="^folder: .* not an IDX"):
-        load_mnist(tmp_path)
-
-
 # ---------------------------------------------------------------------- torch
 
 
@@ -872,7 +834,6 @@ BAD = [
     ("n_train", lambda: load_digits_28(n_train=1797, rng=rng())),
     ("size", lambda: load_digits_28(size=1, rng=rng())),
     ("rng", lambda: load_digits_28(rng=None)),
-    ("folder", lambda: load_mnist("nowhere")),
 ]
 
 

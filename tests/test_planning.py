@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rlcore.bellman import solve_policy
-from rlcore.descent import gradient_descent
+from rlcore.core.results import PlanningRun
+from rlcore.core.sampling import draw, step
 from rlcore.dp import value_iteration
 from rlcore.envs import (
     balance,
@@ -25,9 +26,9 @@ from rlcore.envs import (
     recycling_robot,
     two_state_mdp,
 )
-from rlcore.mdp import FiniteMDP, deterministic_policy, draw, step, uniform_policy
+from rlcore.mdp import FiniteMDP, deterministic_policy, uniform_policy
+from rlcore.optimizers import gradient_descent
 from rlcore.planning import (
-    PlanningRun,
     Transitions,
     certainty_equivalent_control,
     dyna_q,
@@ -40,9 +41,8 @@ from rlcore.planning import (
     sample_transitions,
     simulate,
 )
-from rlcore.reinforce import reinforce_linear
-from rlcore.tabular import epsilon_greedy, max_value, soft_greedy
-from rlcore.trajectories import objective, trajectories, trajectory_probability
+from rlcore.policies import epsilon_greedy, max_value, soft_greedy
+from rlcore.studies.ch03 import objective, reinforce_linear, trajectories, trajectory_probability
 
 
 def rng(seed=0):

@@ -11,22 +11,25 @@ from agents import Counter, make_small, move, rng, samples
 from gymnasium.vector import SyncVectorEnv
 from latex import gradient
 
-from rlcore.actor_critic import ActorCritic
-from rlcore.figure61 import read
-from rlcore.nn import MLP, SGD, Adam, TorchNet
+from rlcore.core.agents import ActorCritic
+from rlcore.core.rollouts import rollouts, vector_env
+from rlcore.gae import learning_data
+from rlcore.nn import MLP
+from rlcore.optimizers import SGD, Adam
 from rlcore.policies import Categorical, Gaussian
 from rlcore.ppo import (
     MAX_LOG_RATIO,
     OBJECTIVES,
     PPOConfig,
-    adapt_beta,
     clip_gradient,
     objective_gradient,
     ppo,
     surrogate_gradient,
 )
-from rlcore.rollouts import learning_data, rollouts, vector_env
+from rlcore.studies.tables import read
+from rlcore.torchnet import TorchNet
 from rlcore.trpo import TRPOConfig, trpo
+from rlcore.trust_region import adapt_beta
 
 EACH = pytest.mark.parametrize("objective", OBJECTIVES)
 

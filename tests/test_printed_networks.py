@@ -10,19 +10,9 @@ import numpy as np
 import pytest
 from latex import NOTICED, Scope, broken, code, gradient, inline, printed, sides
 
-from rlcore.nn import (
-    MLP,
-    SGD,
-    backprop,
-    neuron,
-    one_hot,
-    quadratic_cost,
-    relu,
-    sgd,
-    sigmoid,
-    step_bump_network,
-    step_position,
-)
+from rlcore.neurons import neuron, one_hot, quadratic_cost, relu, sigmoid, step_position
+from rlcore.nn import MLP, backprop, sgd, step_bump_network
+from rlcore.optimizers import SGD
 
 PAGE = "06_neural_networks"
 SIZES, L, EPSILON = [3, 4, 5, 2], 3, 0.7

@@ -12,23 +12,18 @@ import numpy as np
 import pytest
 from latex import NOTICED, Scope, broken, gradient, inline, printed, sides, unnamed
 
-from rlcore import surrogates as sur
-from rlcore.actor_critic import ActorCritic
+from rlcore import trust_region as sur
 from rlcore.bellman import q_from_v, solve_policy
+from rlcore.core.agents import ActorCritic
+from rlcore.core.rollouts import Rollout
 from rlcore.envs import random_mdp
-from rlcore.nn import MLP, SGD
-from rlcore.policies import Categorical
-from rlcore.policy_gradient import softmax_policy
+from rlcore.gae import gae, learning_data
+from rlcore.nn import MLP
+from rlcore.optimizers import SGD
+from rlcore.policies import Categorical, softmax_policy
 from rlcore.ppo import PPOConfig, _improve, objective_gradient
-from rlcore.rollouts import Rollout, gae, learning_data
-from rlcore.supervised import supervised_logprob_grad
-from rlcore.trpo import (
-    TRPOConfig,
-    _surrogate_gradient,
-    conjugate_gradient,
-    fisher_vector_product,
-    trpo_step,
-)
+from rlcore.studies.ch08 import supervised_logprob_grad
+from rlcore.trpo import TRPOConfig, _surrogate_gradient, conjugate_gradient, fisher_vector_product, trpo_step
 
 PAGE = "08_ppo"
 S, ACTIONS, B = 3, 3, 16  # B samples

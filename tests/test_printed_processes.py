@@ -12,13 +12,13 @@ import pytest
 from latex import Scope, displays, printed, sides
 
 from rlcore.bellman import expectation_backup, q_from_v, solve_policy
-from rlcore.descent import gradient_descent
 from rlcore.dp import value_iteration
 from rlcore.envs import recycling_robot
 from rlcore.mdp import FiniteMDP, deterministic_policy, discounted_returns, uniform_policy
-from rlcore.returns import error_reduction, lambda_return, n_step_return
+from rlcore.nstep import error_reduction, lambda_return, n_step_return
+from rlcore.optimizers import gradient_descent
+from rlcore.studies.ch03 import objective, trajectory_probability
 from rlcore.traces import trace_update
-from rlcore.trajectories import objective, trajectory_probability
 
 GAMMA, ALPHA, LAM, T = 0.7, 0.3, 0.6, 6
 PAGES = {

@@ -12,21 +12,14 @@ import numpy as np
 import pytest
 from latex import NOTICED, Scope, broken, inline, printed, sides, unnamed
 
+from rlcore.actor_critic import actor_critic
 from rlcore.bellman import policy_matrix, q_from_v, solve_policy
 from rlcore.envs import random_mdp, short_corridor
 from rlcore.mdp import FiniteMDP, discounted_returns
-from rlcore.policies import Categorical
-from rlcore.reinforce import (
-    actor_critic,
-    episode_gradient,
-    grad_log_softmax,
-    gradient_ascent,
-    objective,
-    policy_gradient_exact,
-    reinforce,
-    softmax,
-    softmax_policy,
-)
+from rlcore.neurons import softmax
+from rlcore.policies import Categorical, grad_log_softmax, softmax_policy
+from rlcore.policy_gradient import episode_gradient, gradient_ascent, objective, policy_gradient_exact
+from rlcore.reinforce import reinforce
 
 PAGE = "07_reinforce"
 T, GAMMA, ALPHA, ALPHA_W = 2, 0.7, 0.3, 0.2  # T is the last step, as on the page

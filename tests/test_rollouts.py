@@ -9,24 +9,15 @@ from agents import A, Counter, make_small, rng
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import TimeLimit
 
-from rlcore.actor_critic import ActorCritic, Normaliser, make_agent
-from rlcore.nn import MLP, SGD, Adam
+from rlcore.core.agents import ActorCritic, Normaliser, make_agent
+from rlcore.core.rollouts import Episodes, OneEnv, Rollout, Settings, collect, make_run, rollouts, vector_env
+from rlcore.gae import gae, learning_data
+from rlcore.nn import MLP
+from rlcore.nstep import lambda_return
+from rlcore.optimizers import SGD, Adam
 from rlcore.policies import Categorical, Gaussian
 from rlcore.ppo import PPOConfig
-from rlcore.rollouts import (
-    Episodes,
-    OneEnv,
-    Rollout,
-    Settings,
-    collect,
-    fit_values,
-    gae,
-    learning_data,
-    make_run,
-    rollouts,
-    vector_env,
-)
-from rlcore.traces import lambda_return
+from rlcore.trpo import fit_values
 
 # ---------------------------------------------------------------------- advantages
 

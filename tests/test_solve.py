@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import rlcore._solve as quick
+import rlcore.solver as quick
 from rlcore.bellman import greedy_actions, q_from_v, solve_policy
-from rlcore.dp import policy_iteration, solve, value_iteration
+from rlcore.dp import policy_iteration, value_iteration
 from rlcore.envs import gridworld, random_mdp, recycling_robot
 from rlcore.mdp import FiniteMDP
+from rlcore.solver import solve
 
 GAMMAS = [0.0, 0.5, 0.99, 0.9999]
 
@@ -281,7 +282,7 @@ def test_frozen_lake_with_its_ties_ends_and_is_right(size, gamma):
 MEMORY = """
 import numpy as np
 from rlcore.envs import random_mdp
-from rlcore.dp import solve
+from rlcore.solver import solve
 solve(random_mdp(9, 2, n_next=3, rng=np.random.default_rng(0)), 0.99)
 mdp = random_mdp(100_000, 4, n_next=5, rng=np.random.default_rng(0))
 assert solve(mdp, 0.99).converged
@@ -307,8 +308,8 @@ def test_memory_at_100_000_states(tmp_path):
 
 DIGEST = """
 import hashlib, numpy as np
-from rlcore.compiled import HAVE_NUMBA
-from rlcore.dp import solve
+from rlcore.core.compiled import HAVE_NUMBA
+from rlcore.solver import solve
 from rlcore.envs import gridworld, random_mdp, recycling_robot
 sparse = random_mdp(20, 3, n_next=3, rng=np.random.default_rng(0))
 digest = hashlib.sha256()

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rlcore import supervised as sup
 from rlcore.envs import catch, catch_pixels
 from rlcore.mdp import rollout
-from rlcore.nn import MLP, backprop, load_digits_28
-from rlcore.policy_gradient import episode_gradient, policy_gradient_exact, softmax_policy
+from rlcore.nn import MLP, backprop
+from rlcore.policies import softmax_policy
+from rlcore.policy_gradient import episode_gradient, policy_gradient_exact
+from rlcore.studies import ch08 as sup
+from rlcore.studies.ch06 import load_digits_28
 
 
 def rng(seed=0):

@@ -6,11 +6,11 @@ from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
 from rlcore import envs
-from rlcore import surrogates as sur
+from rlcore import trust_region as sur
 from rlcore.dp import policy_iteration
 from rlcore.mdp import FiniteMDP, uniform_policy
-from rlcore.policies import Categorical
-from rlcore.policy_gradient import policy_gradient_exact, softmax_policy
+from rlcore.policies import Categorical, softmax_policy
+from rlcore.policy_gradient import policy_gradient_exact
 
 
 def rng(seed=0):

@@ -12,33 +12,16 @@ import pytest
 from gymnasium.wrappers import TimeLimit
 from worlds import awkward
 
+from rlcore.batch import batch_mc, batch_td, certainty_equivalence
 from rlcore.bellman import greedy, q_from_v, solve_policy, v_from_q
-from rlcore.compiled import HAVE_NUMBA
+from rlcore.core.compiled import HAVE_NUMBA
 from rlcore.dp import value_iteration
-from rlcore.envs import (
-    cliff_walking,
-    dyna_maze,
-    random_mdp,
-    random_walk,
-    recycling_robot,
-    windy_gridworld,
-)
-from rlcore.experience import decaying
+from rlcore.envs import MDPEnv, cliff_walking, dyna_maze, random_mdp, random_walk, recycling_robot, windy_gridworld
 from rlcore.mdp import FiniteMDP, Trajectory, deterministic_policy, discounted_returns, rollout, uniform_policy
-from rlcore.tabular import expected_value, soft_greedy
-from rlcore.td import (
-    batch_mc,
-    batch_td,
-    certainty_equivalence,
-    constant_alpha_mc,
-    expected_sarsa,
-    mc_prediction,
-    q_learning,
-    sarsa,
-    td0,
-    td_error,
-    td_target,
-)
+from rlcore.monte_carlo import constant_alpha_mc, mc_prediction
+from rlcore.policies import expected_value, soft_greedy
+from rlcore.schedules import decaying
+from rlcore.td import expected_sarsa, q_learning, sarsa, td0, td_error, td_target
 
 REFERENCE = json.loads((Path(__file__).parent / "reference_td.json").read_text())
 many_runs = pytest.mark.skipif(not HAVE_NUMBA, reason="millions of steps: too slow without numba")
@@ -449,7 +432,7 @@ TARGETS = {
 def test_each_update_is_that_of_the_equation(learn, alpha):
     """The steps of a run, written down by the environment, and the equation applied to them one by one."""
     mdp, gamma, epsilon = awkward(seed=1), 0.9, 0.3
-    env = Log(mdp.to_env())
+    env = Log(MDPEnv(mdp))
     run = learn(env, gamma, 25, alpha=alpha, epsilon=epsilon, Q0=1.5, rng=rng(2))
     Q, N = run.history[0].copy(), np.zeros((7, 3))
     assert (Q[mdp.legal & ~mdp.terminal[:, None]] == 1.5).all() and (Q[mdp.terminal] == 0).all()
@@ -511,7 +494,7 @@ def test_epsilon_may_fall_by_episode_or_by_step():
 @pytest.mark.parametrize("per_step", [False, True])
 def test_when_epsilon_falls(learn, per_step):
     """Random at n = 0, greedy from then on: for the first of two episodes, or for the first step only."""
-    env = Log(FiniteMDP.from_outcomes({(0, a): [(1.0, 0, 2.0 + a)] for a in range(2)}).to_env())
+    env = Log(MDPEnv(FiniteMDP.from_outcomes({(0, a): [(1.0, 0, 2.0 + a)] for a in range(2)})))
     epsilon = decaying(1.0, rate=1e9, power=9, per_step=per_step)
     seen = []
     for seed in range(5):
@@ -769,7 +752,7 @@ def all_bits():
 @pytest.mark.parametrize("name", WORLDS)
 def test_an_environment_gives_the_bits_of_its_process(name):
     mdp = WORLDS[name]
-    assert bits(everything(mdp, 4, 300)) == bits(everything(mdp.to_env(), 4, 300))
+    assert bits(everything(mdp, 4, 300)) == bits(everything(MDPEnv(mdp), 4, 300))
 
 
 @pytest.mark.parametrize("name", WORLDS)
@@ -777,7 +760,7 @@ def test_a_truncated_episode_is_one_cut_at_max_steps(name):
     """TimeLimit and max_steps leave the same bits: what is cut bootstraps, what ends within the limit does not."""
     mdp = WORLDS[name]
     cut = everything(mdp, 6, 7)
-    assert bits(cut) == bits(everything(TimeLimit(mdp.to_env(), 7), 6, 300))
+    assert bits(cut) == bits(everything(TimeLimit(MDPEnv(mdp), 7), 6, 300))
     assert any((run.lengths == 7).any() for run in cut.values())
 
 
@@ -793,7 +776,7 @@ def test_every_function_bootstraps_where_it_is_cut_and_not_at_an_end(through):
     ]
     for learn in calls:
         for mdp, value in ((goes_on, 6.0), (ends, 1.0)):
-            world, limit = (mdp, 1) if through == "max_steps" else (TimeLimit(mdp.to_env(), 1), None)
+            world, limit = (mdp, 1) if through == "max_steps" else (TimeLimit(MDPEnv(mdp), 1), None)
             run = learn(world, gamma=0.5, n_episodes=1, alpha=1.0, max_steps=limit, rng=rng())
             assert (run.V if run.Q is None else run.Q[:, 0])[0] == value and run.lengths[0] == 1
 
@@ -825,7 +808,7 @@ def test_an_end_counts_nothing_whatever_its_state_is_worth(terminated, value):
 
 
 def test_mc_counts_what_it_has_seen_of_a_truncated_episode():
-    world = TimeLimit(FiniteMDP.from_outcomes({(0, 0): [(1.0, 0, 1.0)]}).to_env(), 4)
+    world = TimeLimit(MDPEnv(FiniteMDP.from_outcomes({(0, 0): [(1.0, 0, 1.0)]})), 4)
     run = mc_prediction(world, np.ones((1, 1)), 0.5, 3, max_steps=10, rng=rng())
     assert run.V[0] == 1.875 and (run.lengths == 4).all()
 

@@ -6,22 +6,17 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from rlcore.batch import batch_mc, batch_td, certainty_equivalence
+from rlcore.core.sampling import cumulative, draw
+from rlcore.core.worlds import books
 from rlcore.dp import value_iteration
-from rlcore.experience import books, decaying
-from rlcore.mdp import FiniteMDP, Trajectory, cumulative, draw, uniform_policy
-from rlcore.measure import backups_per_second, first_updates, repeat, squared_error, walk_error, with_random_actions
-from rlcore.tabular import epsilon_greedy, soft_greedy
-from rlcore.td import (
-    batch_mc,
-    batch_td,
-    certainty_equivalence,
-    constant_alpha_mc,
-    expected_sarsa,
-    mc_prediction,
-    q_learning,
-    sarsa,
-    td0,
-)
+from rlcore.mdp import FiniteMDP, Trajectory, uniform_policy
+from rlcore.monte_carlo import constant_alpha_mc, mc_prediction
+from rlcore.policies import epsilon_greedy, soft_greedy
+from rlcore.schedules import decaying
+from rlcore.studies.ch02 import backups_per_second
+from rlcore.studies.ch04 import first_updates, repeat, squared_error, walk_error, with_random_actions
+from rlcore.td import expected_sarsa, q_learning, sarsa, td0
 
 GAMMA = 0.5
 
@@ -448,7 +443,7 @@ def test_bad_first_values(value):
 def test_backups_of_value_iteration_in_two_seconds(monkeypatch):
     """One state that earns 1 - gamma = 0.1 for ever: sweep k changes V by 0.1 0.9^(k - 1), below 1e-3 when k = 45."""
     mdp, clock = FiniteMDP.from_outcomes({(0, 0): [(1.0, 0, 0.1)]}), iter([10.0, 12.0])
-    monkeypatch.setattr("rlcore.measure.time.perf_counter", lambda: next(clock))
+    monkeypatch.setattr("rlcore.studies.ch02.time.perf_counter", lambda: next(clock))
     sweeps = value_iteration(mdp, 0.9, tol=1e-3).n_iter
     assert backups_per_second(mdp) == sweeps / 2 and sweeps == 45
 

@@ -11,16 +11,13 @@ import numpy as np
 import pytest
 from worlds import awkward, chain, loop
 
-from rlcore import compiled
 from rlcore.bellman import q_from_v, solve_policy
+from rlcore.core import compiled
 from rlcore.dp import value_iteration
 from rlcore.envs import MDPEnv, dyna_maze, random_walk, recycling_robot, windy_gridworld
 from rlcore.mdp import FiniteMDP, discounted_return, discounted_returns, uniform_policy
-from rlcore.tabular import epsilon_greedy
-from rlcore.td import constant_alpha_mc, q_learning, sarsa, td0
-from rlcore.traces import (
-    TRACES,
-    backward_increments,
+from rlcore.monte_carlo import constant_alpha_mc
+from rlcore.nstep import (
     complex_backup,
     error_reduction,
     forward_increments,
@@ -29,6 +26,12 @@ from rlcore.traces import (
     n_step_return,
     n_step_td,
     offline_lambda_return,
+)
+from rlcore.policies import epsilon_greedy
+from rlcore.td import q_learning, sarsa, td0
+from rlcore.traces import (
+    TRACES,
+    backward_increments,
     sarsa_lambda,
     td_lambda,
     trace_course,

@@ -8,21 +8,23 @@ from test_td_exact import FIRST, LOOSE, ONE, SECOND, THIRD, Script, close, rng
 from worlds import chain, loop
 
 from rlcore.mdp import FiniteMDP
-from rlcore.returns import lambda_returns
-from rlcore.tabular import epsilon_greedy, soft_greedy
-from rlcore.traces import (
-    TRACES,
-    backward_increments,
+from rlcore.nstep import (
     complex_backup,
-    credit,
     error_reduction,
     forward_increments,
-    kept,
     lambda_return,
+    lambda_returns,
     lambda_weights,
     n_step_return,
     n_step_td,
     offline_lambda_return,
+)
+from rlcore.policies import epsilon_greedy, soft_greedy
+from rlcore.traces import (
+    TRACES,
+    backward_increments,
+    credit,
+    kept,
     sarsa_lambda,
     td_lambda,
     trace_course,

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from agents import A, Counter, make_small, move, rng, samples
 
-from rlcore.actor_critic import ActorCritic
-from rlcore.nn import MLP, SGD, Adam, TorchNet
+from rlcore.core.agents import ActorCritic
+from rlcore.core.rollouts import rollouts, vector_env
+from rlcore.gae import learning_data
+from rlcore.nn import MLP
+from rlcore.optimizers import SGD, Adam
 from rlcore.ppo import PPOConfig
-from rlcore.rollouts import learning_data, rollouts, vector_env
+from rlcore.torchnet import TorchNet
 from rlcore.trpo import TRPOConfig, _surrogate_gradient, conjugate_gradient, fisher_vector_product, trpo, trpo_step
 
 DISCRETE = pytest.mark.parametrize("discrete", [True, False])

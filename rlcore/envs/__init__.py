@@ -6,7 +6,6 @@ from rlcore.envs.games import *  # noqa: F403
 from rlcore.envs.golf import *  # noqa: F403
 from rlcore.envs.grids import *  # noqa: F403
 from rlcore.envs.meter import *  # noqa: F403
-from rlcore.envs.poker import *  # noqa: F403
 from rlcore.envs.robots import *  # noqa: F403
 from rlcore.envs.small import *  # noqa: F403
 

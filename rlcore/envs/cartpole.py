@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.mdp import check_count, check_function
+from rlcore.core.checks import check_count, check_function
 
 __all__ = ["balance", "cartpole_start", "cartpole_step", "cartpole_transitions", "cartpole_upright", "steps_upright"]
 

@@ -1,12 +1,7 @@
 """Tic-tac-toe and its larger relatives, solved exactly, and the arithmetic of games that cannot be."""
 
-from math import comb
-
-from rlcore.mdp import FiniteMDP, check_count, is_number
-
-__all__ = ["board_states", "cost_of_a_sweep", "game_values", "tic_tac_toe"]
-
-SECONDS_PER_YEAR = 365.25 * 24 * 3600
+from rlcore.core.checks import check_count
+from rlcore.mdp import FiniteMDP
 
 
 def game_values(rows=3, cols=3, in_row=3):
@@ -49,20 +44,6 @@ def tic_tac_toe(opponent="random"):
             after = [(number.get(m, end), float(_won(m, lines))) for m in answers]
             outcomes[s, (x[0] ^ xo[0]).bit_length() - 1] = [(1 / len(after), *outcome) for outcome in after]
     return FiniteMDP.from_outcomes(outcomes, n_states=end + 1, start=number[0, 0])
-
-
-def board_states(rows, cols):
-    """Boards that two players who move in turn can fill, wins left aside: sum over k of C(n, k) C(k, k // 2). cl-023"""
-    n = check_count("rows", rows) * check_count("cols", cols)
-    return sum(comb(n, k) * comb(k, k // 2) for k in range(n + 1))
-
-
-def cost_of_a_sweep(n_states, per_second=1e9, n_bytes=8):
-    """(years, bytes): time of one backup of every state, and memory for one number a state. ex-backgammon"""
-    for name, value in dict(n_states=n_states, per_second=per_second, n_bytes=n_bytes).items():
-        if not is_number(value) or not value > 0:
-            raise ValueError(f"{name}: got {value!r}, must be a positive number")
-    return n_states / per_second / SECONDS_PER_YEAR, n_states * n_bytes
 
 
 def _lines(rows, cols, k):

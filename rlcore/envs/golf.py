@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from rlcore.bellman import optimality_backup
-from rlcore.mdp import FiniteMDP, check_count
-
-__all__ = ["best_with_club", "free_last_stroke", "golf_course", "golf_line", "putting_values"]
+from rlcore.core.checks import check_count
+from rlcore.mdp import FiniteMDP
 
 SAND = tuple(
     (r, c) for rows, columns in (((2, 3), (20, 21, 22)), ((7, 8), (22, 23, 24))) for r in rows for c in columns
@@ -90,34 +88,3 @@ def _strokes(shape, offsets, spread):
     ball = np.clip(aim[:, :, None] + around, 0, np.array(shape) - 1)
     next_state = ball @ [shape[1], 1]
     return next_state, np.where(legal[:, :, None], np.full(next_state.shape, 1 / len(around)), 0.0), legal
-
-
-def best_with_club(mdp, Q, club):
-    """max of Q over the actions of one club, (S,): q(s, club). eq-14, fig-5
-
-    Q: (S, A). club: the first word of the action's name, "putter" or "driver". -inf where the club has no legal shot.
-    """
-    mine = [a for a, name in enumerate(mdp.action_names) if name.split()[0] == club]
-    if not mine:
-        clubs = sorted({name.split()[0] for name in mdp.action_names})
-        raise ValueError(f"club: got {club!r}, must be one of {clubs}")
-    return np.asarray(Q)[:, mine].max(axis=1)
-
-
-def putting_values(mdp, n_sweeps):
-    """Sweeps of (16) where some states may never reach the end: history (n_sweeps + 1, S). ex-golf-putter
-
-    V_k is the best return of k strokes. In a state from which the hole cannot be reached it falls by 1 in each sweep,
-    for ever, so that its limit is -infinity; value_iteration refuses such a process at gamma = 1.
-    """
-    history = [np.zeros(mdp.n_states)]
-    for _ in range(check_count("n_sweeps", n_sweeps)):
-        history.append(optimality_backup(mdp, history[-1], 1.0))  # eq-16
-    return np.array(history)
-
-
-def free_last_stroke(mdp):
-    """The same process, but the stroke that reaches the hole costs nothing (the document's wording). ex-golf-putter"""
-    reward = np.where(mdp.terminal[mdp.next_state], 0.0, mdp.reward)
-    names = (mdp.state_names, mdp.action_names)
-    return FiniteMDP(mdp.next_state, mdp.prob, reward, mdp.legal, mdp.terminal, mdp.start, *names)

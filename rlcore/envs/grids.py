@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rlcore.mdp import FiniteMDP, as_integers, check_count, check_probability
+from rlcore.core.checks import as_integers, check_count, check_probability
+from rlcore.mdp import FiniteMDP
 
 __all__ = ["blocking_maze", "cliff_walking", "dyna_maze", "gridworld", "maze", "two_goal_maze", "windy_gridworld"]
 

@@ -3,8 +3,10 @@
 import gymnasium as gym
 import numpy as np
 
+from rlcore.core.checks import check_index
+from rlcore.core.sampling import cumulative, draw
 from rlcore.envs.catch import catch, catch_pixels
-from rlcore.mdp import FiniteMDP, cumulative, draw
+from rlcore.mdp import FiniteMDP
 
 
 class LegalActions(gym.spaces.Discrete):
@@ -61,7 +63,7 @@ class MDPEnv(gym.Env):
 
     def step(self, action):
         m, s = self.mdp, self.s
-        a = m._index("action", action, m.n_actions)
+        a = check_index("action", action, m.n_actions)
         if not m.legal[s, a]:
             raise ValueError(f"action: got {a} in state {s}, allowed there: {m.legal[s].nonzero()[0].tolist()}")
         k = draw(self._cdf[s, a], self.np_random)
@@ -94,6 +96,6 @@ class Catch(gym.Env):
         return self._pixels[self.s].copy(), {}
 
     def step(self, action):
-        a = self.mdp._index("action", action, self.mdp.n_actions)
+        a = check_index("action", action, self.mdp.n_actions)
         s, self.s = self.s, self._next[self.s][a]
         return self._pixels[self.s].copy(), self._reward[s][a], self._terminal[self.s], False, {}

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from rlcore.mdp import FiniteMDP, check_count, check_function, check_gamma, check_probability
-from rlcore.results import Run
+from rlcore.core.checks import check_count, check_function, check_gamma, check_probability
+from rlcore.core.results import Run
+from rlcore.mdp import FiniteMDP
 
 __all__ = [
     "arm_motion",

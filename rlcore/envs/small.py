@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rlcore.mdp import FiniteMDP, as_floats, check_count, check_probability, check_rng, is_number
+from rlcore.core.checks import as_floats, check_count, check_probability, check_rng, is_number
+from rlcore.mdp import FiniteMDP
 
 __all__ = [
     "branching_mdp",

@@ -2,13 +2,7 @@
 
 import numpy as np
 
-from rlcore.bellman import (
-    expectation_backup,
-    greedy_actions,
-    optimality_backup_q,
-    q_from_v,
-    solve_policy,
-)
+from rlcore.bellman import expectation_backup, greedy_actions, optimality_backup_q, q_from_v, solve_policy
 from rlcore.envs import random_mdp, recycling_robot
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
 from rlcore.mdp import FiniteMDP, uniform_policy

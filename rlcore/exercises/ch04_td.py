@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from rlcore.batch import batch_mc, certainty_equivalence
 from rlcore.bellman import greedy
 from rlcore.envs import cliff_walking, random_walk
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
 from rlcore.mdp import FiniteMDP, rollout, uniform_policy
-from rlcore.td import batch_mc, certainty_equivalence, sarsa, td0
+from rlcore.td import sarsa, td0
 
 TITLE = "Exercises: temporal-difference learning"
 NOTEBOOK = "04_temporal_difference"

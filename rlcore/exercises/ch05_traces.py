@@ -5,8 +5,8 @@ import numpy as np
 from rlcore.envs import random_walk
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
 from rlcore.mdp import uniform_policy
-from rlcore.measure import repeat, walk_error
-from rlcore.returns import error_reduction, forward_increments, lambda_return, lambda_weights, n_step_return
+from rlcore.nstep import error_reduction, forward_increments, lambda_return, lambda_weights, n_step_return
+from rlcore.studies.ch04 import repeat, walk_error
 from rlcore.traces import backward_increments, td_lambda, trace_course
 
 TITLE = "Exercises: eligibility traces"
@@ -1149,7 +1149,7 @@ Exercise(
         import numpy as np
         from rlcore.envs import random_walk
         from rlcore.mdp import uniform_policy
-        from rlcore.measure import repeat, walk_error
+        from rlcore.studies.ch04 import repeat, walk_error
         from rlcore.traces import td_lambda
     """,
     stub="verdict_memory = ...",

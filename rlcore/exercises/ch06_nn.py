@@ -5,25 +5,14 @@ from functools import cache
 import numpy as np
 
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
-from rlcore.nn import (
-    MLP,
-    SGD,
-    backprop,
-    bump,
-    cross_entropy_gradient,
-    gradient_descent,
-    one_hot,
-    quadratic_cost,
-    sgd,
-    sigmoid,
-    step_bump_network,
-    step_position,
-)
+from rlcore.neurons import bump, cross_entropy_gradient, one_hot, quadratic_cost, sigmoid, step_position
+from rlcore.nn import MLP, backprop, sgd, step_bump_network
+from rlcore.optimizers import SGD, gradient_descent
 
 TITLE = "Exercises: neural networks"
 NOTEBOOK = "06_neural_networks"
 LABELS = {"build": "build a network"}
-WITH_SIGMOID = "import numpy as np\nfrom rlcore.nn import sigmoid"
+WITH_SIGMOID = "import numpy as np\nfrom rlcore.neurons import sigmoid"
 
 
 def _net(sizes, *arrays, output="sigmoid"):
@@ -1509,7 +1498,7 @@ Exercise(
         hidden="sigmoid", optimizer=SGD(0.5), dtype=np.float64, rng=rng)` and `sgd(net, x, y, batch=None, epochs=400, rng=rng)`, with a new `rng = np.random.default_rng(0)` for each depth. Bind `verdict_depth` to
         `(word, c1, c2, c4)`: `"confirmed"` if the last costs fall with the depth, else `"refuted"`, and these costs. It is one seed and one task: enough to refute *always*, no more. Try another seed.
     """,
-    setup="import numpy as np\nfrom rlcore.nn import MLP, SGD, sgd",
+    setup="import numpy as np\nfrom rlcore.nn import MLP, sgd\nfrom rlcore.optimizers import SGD",
     stub="verdict_depth = ...",
     cases=lambda rng: [Case({}, ("refuted", *_depth_costs()), tol=1e-5)],
     hints=(

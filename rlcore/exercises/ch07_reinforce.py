@@ -5,17 +5,12 @@ from functools import cache
 import numpy as np
 
 from rlcore.envs import short_corridor
-from rlcore.envs.poker import bluff_guarantee
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
 from rlcore.mdp import FiniteMDP
+from rlcore.neurons import softmax
 from rlcore.policies import Categorical, Gaussian
-from rlcore.policy_gradient import (
-    episode_gradient,
-    gradient_estimates,
-    objective,
-    policy_gradient_exact,
-    softmax,
-)
+from rlcore.policy_gradient import episode_gradient, gradient_estimates, objective, policy_gradient_exact
+from rlcore.studies.ch07 import bluff_guarantee
 
 TITLE = "Exercises: policy gradients"
 NOTEBOOK = "07_reinforce"

@@ -6,17 +6,17 @@ import numpy as np
 
 from rlcore.envs import recycling_robot
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
+from rlcore.gae import gae
+from rlcore.neurons import softmax
 from rlcore.policies import Categorical, Gaussian
-from rlcore.policy_gradient import softmax
-from rlcore.ppo import PPOConfig, adapt_beta, clip_gradient, objective_gradient
-from rlcore.rollouts import gae
-from rlcore.surrogates import eta, local_performance, lower_bound, mean_kl, old_policy
+from rlcore.ppo import PPOConfig, clip_gradient, objective_gradient
 from rlcore.trpo import conjugate_gradient
+from rlcore.trust_region import adapt_beta, eta, local_performance, lower_bound, mean_kl, old_policy
 
 TITLE = "Exercises: trust regions and PPO"
 NOTEBOOK = "08_ppo"
 LABELS = {"build": "build a measure"}
-SOFTMAX = "import numpy as np\nfrom rlcore.policy_gradient import softmax"
+SOFTMAX = "import numpy as np\nfrom rlcore.neurons import softmax"
 
 
 # ---------------------------------------------------------------------- from labels to advantages
@@ -1781,7 +1781,7 @@ Exercise(
         with `np.random.default_rng(0)`, and divide each row by its sum. `eta(mdp, pi, 0.9)` is the performance of a policy; `lower_bound(old, pis)` subtracts the constant of the theory times the largest KL from `local_performance(old, pis)`, and (46) with $\beta = 1$ subtracts `mean_kl(old, pis)` instead. Count the policies whose performance is
         below the bound by more than `1e-9`, for the theory's bound and for (46). Bind `verdict_bound` to `(word, n_theory, n_46)`, with the word `"confirmed"` or `"refuted"`.
     """,
-    setup="import numpy as np\nfrom rlcore.envs import recycling_robot\nfrom rlcore.surrogates import eta, local_performance, lower_bound, mean_kl, old_policy",
+    setup="import numpy as np\nfrom rlcore.envs import recycling_robot\nfrom rlcore.trust_region import eta, local_performance, lower_bound, mean_kl, old_policy",
     stub="verdict_bound = ...",
     cases=lambda rng: [Case({}, ("refuted", *_violations()))],
     hints=(

@@ -21,15 +21,15 @@ FAMILY = {
         ("random shooting", "rlcore.planning.random_shooting", "3.2"),
     ],
     "model-free, by values": [
-        ("Monte Carlo", "rlcore.td.mc_prediction", "4.1"),
+        ("Monte Carlo", "rlcore.monte_carlo.mc_prediction", "4.1"),
         ("TD(0)", "rlcore.td.td0", "4.1"),
         ("SARSA", "rlcore.td.sarsa", "4.2"),
         ("Q-learning", "rlcore.td.q_learning", "4.3"),
         ("traces", "rlcore.traces.td_lambda", "4.4"),
     ],
     "model-free, by policies": [
-        ("REINFORCE", "rlcore.reinforce.reinforce_linear", "6"),
-        ("actor-critic", "rlcore.reinforce.actor_critic", "7"),
+        ("REINFORCE", "rlcore.studies.ch03.reinforce_linear", "6"),
+        ("actor-critic", "rlcore.actor_critic.actor_critic", "7"),
         ("TRPO", "rlcore.trpo.trpo", "8"),
         ("PPO", "rlcore.ppo.ppo", "8"),
     ],

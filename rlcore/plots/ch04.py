@@ -155,7 +155,7 @@ def value_paths(runs, ends, *, names=("V(A)", "V(B)")):
 def cliff_step(update, names, title, *, target):
     """One update of a control method on the cliff: where it is, what it does, which entry changes. fig-20, fig-21
 
-    update: rlcore.measure.Update. names: of the actions. target: what the rule bootstraps from, in words.
+    update: rlcore.studies.ch04.Update. names: of the actions. target: what the rule bootstraps from, in words.
     """
     fig, ax = new_figure(width=7.2, height=3.1)
     ground = np.full((4, 12), 0.12)

@@ -11,9 +11,9 @@ from sphinx.util.docutils import SphinxDirective
 from companion import ledger, repository
 
 ORDER = [
-    "results", "mdp", "bellman", "dp", "planning", "tabular", "experience", "episodes", "td", "returns", "traces",
-    "measure", "optimizers", "neurons", "nn", "torchnet", "digits", "policies", "policy_gradient", "reinforce", "ppo",
-    "trpo", "losses", "envs", "sweep", "explore", "plots",
+    "mdp", "bellman", "dp", "solver", "planning", "monte_carlo", "td", "batch", "nstep", "traces", "neurons", "nn",
+    "optimizers", "torchnet", "policies", "policy_gradient", "reinforce", "actor_critic", "gae", "trust_region", "ppo",
+    "trpo", "losses", "schedules", "explore", "sweep", "envs", "plots", "core", "studies",
 ]  # fmt: skip
 MENTION = re.compile(r"\b(?:eq|fig|tab|alg|ex|cl|om)-[a-z0-9-]*[a-z0-9]\b")
 
@@ -23,8 +23,9 @@ def modules():
     package = importlib.import_module("rlcore")
     names = [m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_")]
     names.sort(key=lambda n: (ORDER.index(n) if n in ORDER else len(ORDER), n))
-    figures = (m.name for m in pkgutil.iter_modules(importlib.import_module("rlcore.plots").__path__))
-    names += [f"plots.{name}" for name in figures if name != "style"]
+    for room in ("plots", "core", "studies"):
+        inner = pkgutil.iter_modules(importlib.import_module(f"rlcore.{room}").__path__)
+        names += [f"{room}.{m.name}" for m in inner if m.name != "style"]
     return [importlib.import_module(f"rlcore.{n}") for n in names]
 
 

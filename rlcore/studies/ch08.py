@@ -4,15 +4,10 @@ import itertools
 
 import numpy as np
 
-from rlcore.mdp import FiniteMDP, as_floats, as_integers, check_count, check_probability, check_rng
-from rlcore.optimizers import check_positive
+from rlcore.core.checks import as_floats, as_integers, check_count, check_positive, check_probability, check_rng
+from rlcore.mdp import FiniteMDP
 from rlcore.policies import Categorical
 from rlcore.reinforce import reinforce
-
-__all__ = [
-    "concept_cards", "episode_outcome_pg", "factorise", "label_bandit", "make_ratings", "recommend",
-    "supervised_logprob_grad", "supervised_logprob_step",
-]  # fmt: skip
 
 
 def supervised_logprob_grad(net, x, label):

@@ -3,8 +3,6 @@
 import csv
 from pathlib import Path
 
-__all__ = ["read"]
-
 
 def read(path):
     """Rows of a table of runs, [{column: value}]: numbers as float, None where there is none; [] where no file is.

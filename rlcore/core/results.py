@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rlcore.mdp import FiniteMDP
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -38,3 +40,17 @@ class Run:
     Q: np.ndarray | None = None
     policy: np.ndarray | None = None
     history: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningRun(Run):
+    """A Run that keeps the model it learned, so that it can answer `predict`. ex-prediction-test"""
+
+    model: FiniteMDP | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class WatkinsRun(Run):
+    """A Run that keeps `cuts`: over how many steps the traces had grown whenever an exploratory action cut them."""
+
+    cuts: np.ndarray | None = None

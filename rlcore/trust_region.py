@@ -6,16 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.bellman import expected_visits, q_from_v, solve_policy
-from rlcore.mdp import as_floats, check_count, check_function, check_gamma, check_policy
-from rlcore.optimizers import check_fraction, check_nonnegative, check_positive
-from rlcore.policies import log_softmax
-
-__all__ = [
-    "OldPolicy", "adapt_beta", "advantage", "backtracking_line_search", "constrained_ascent", "constrained_step", "eta",
-    "kl", "local_performance", "lower_bound", "max_kl", "mean_kl", "mm_maximise", "old_policy", "penalised_ascent",
-    "penalised_step", "penalty_coefficient", "policy_line", "surrogate", "trust_region_ascent", "trust_region_step",
-]  # fmt: skip
-
+from rlcore.core.checks import (
+    as_floats,
+    check_count,
+    check_fraction,
+    check_function,
+    check_gamma,
+    check_nonnegative,
+    check_policy,
+    check_positive,
+)
+from rlcore.neurons import log_softmax
 
 # ---------------------------------------------------------------------- at the old policy
 

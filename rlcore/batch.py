@@ -1,21 +1,12 @@
-"""Target and error of one step, and the values that a fixed set of episodes determines (chapter 4)."""
+"""The values that a fixed set of episodes determines (chapter 4)."""
 
 from collections import namedtuple
 
 import numpy as np
 
-from rlcore.mdp import Trajectory, as_floats, as_integers, check_count, check_gamma, discounted_returns, is_number
-from rlcore.tabular import check_rate
-
-
-def td_target(r, V_next, gamma, terminated=False):
-    """r + gamma V(s'), where an end counts 0; elementwise. eq-u-td-target corrected, eq-23"""
-    return r + gamma * V_next * np.logical_not(terminated)  # eq-u-td-target
-
-
-def td_error(r, V, V_next, gamma, terminated=False):
-    """delta = r + gamma V(s') - V(s), elementwise. om-td-error, eq-36"""
-    return td_target(r, V_next, gamma, terminated) - V  # eq-36
+from rlcore.core.checks import as_floats, as_integers, check_count, check_gamma, check_rate, is_number
+from rlcore.mdp import Trajectory, discounted_returns
+from rlcore.td import td_error
 
 
 def batch_mc(episodes, n_states, gamma, *, unvisited=0.0, alpha=None, tol=1e-10, max_sweeps=100_000, each=False):

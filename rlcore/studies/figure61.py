@@ -4,15 +4,10 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.mdp import check_count, check_rng
-from rlcore.tables import read
-
-__all__ = [
-    "PUBLISHED", "RANDOM", "SETTINGS", "TASKS", "Line", "average", "bootstrap", "by_seed", "comparison",
-    "rank_correlation", "read", "scores",
-]  # fmt: skip
+from rlcore.core.checks import check_count, check_rng
 
 TASKS = ["HalfCheetah", "Hopper", "InvertedDoublePendulum", "InvertedPendulum", "Reacher", "Swimmer", "Walker2d"]
+
 SETTINGS = {  # name: what differs from PPOConfig()
     "none": dict(objective="none"),
     "clip 0.1": dict(objective="clip", clip=0.1),
@@ -26,9 +21,12 @@ SETTINGS = {  # name: what differs from PPOConfig()
     "fixed 3": dict(objective="kl_fixed", beta=3.0),
     "fixed 10": dict(objective="kl_fixed", beta=10.0),
 }
+
 # Source: Schulman et al. (2017), table 1, in the order of SETTINGS. table-figure-61
 PUBLISHED = np.array([-0.39, 0.76, 0.82, 0.70, 0.68, 0.74, 0.71, 0.62, 0.71, 0.72, 0.69])
+
 RANDOM = "random"
+
 Line = namedtuple("Line", "setting published ours low high runs rank_published rank_ours")
 
 

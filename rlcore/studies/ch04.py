@@ -1,23 +1,13 @@
-"""How well and how fast: repeated runs, errors, the first updates one by one, backups in a second."""
+"""What chapters 4 and 5 measure: repeated runs, errors, the first updates one by one."""
 
-import time
 from collections import namedtuple
 from copy import deepcopy
 
 import numpy as np
 
-from rlcore.dp import value_iteration
-from rlcore.mdp import FiniteMDP, as_floats, check_count, check_probability, check_rng, discounted_returns
-from rlcore.returns import visited_values
-from rlcore.tabular import check_world
-
-
-def backups_per_second(mdp, gamma=0.9):
-    """State values that value iteration computes in a second on this machine, one core. ex-backgammon"""
-    value_iteration(mdp, gamma, tol=1.0)  # compiles
-    start = time.perf_counter()
-    sweeps = value_iteration(mdp, gamma, tol=1e-3).n_iter
-    return sweeps * mdp.n_states / (time.perf_counter() - start)
+from rlcore.core.checks import as_floats, check_count, check_probability, check_rng, check_world
+from rlcore.mdp import FiniteMDP, discounted_returns
+from rlcore.nstep import visited_values
 
 
 def repeat(method, *args, n_runs, rng, **settings):

@@ -1,13 +1,15 @@
 """Where experience comes from: the same loop on a FiniteMDP, compiled, or on a gymnasium environment, interpreted."""
 
 import types
-from collections import namedtuple
 
 import numpy as np
 
-from rlcore.bellman import _reaches, policy_matrix
-from rlcore.compiled import compiled
-from rlcore.mdp import FiniteMDP, check_count, draw, is_number, step
+from rlcore.bellman import policy_matrix, reaches
+from rlcore.core.checks import check_count, check_gamma, check_pi, check_rng, check_v0
+from rlcore.core.compiled import compiled
+from rlcore.core.results import Run
+from rlcore.core.sampling import draw, step
+from rlcore.mdp import FiniteMDP
 
 FOREVER = np.iinfo(np.int64).max
 
@@ -87,40 +89,20 @@ def check_max_steps(world, max_steps, pi=None):
 def _ends(mdp, pi):
     """Whether every state that pi can meet leads to a terminal one; walled-off cells do not matter."""
     P, _ = policy_matrix(mdp, pi)
-    return bool((_reaches(P, mdp.terminal) | ~_reaches(P.T, mdp.start > 0)).all())
+    return bool((reaches(P, mdp.terminal) | ~reaches(P.T, mdp.start > 0)).all())
 
 
-# ---------------------------------------------------------------------- schedules
-
-# first / (1 + rate n)^power after n visits (a step size), n episodes or n steps (epsilon)
-Schedule = namedtuple("Schedule", "first rate power per_step")
+# ---------------------------------------------------------------------- what the learners share
 
 
-def decaying(first, *, rate=1.0, power=1.0, per_step=False):
-    """A step size or epsilon that falls: first / (1 + rate n)^power. om-convergence-conditions
-
-    n counts the earlier updates of the same state or pair where it is a step size, so that decaying(1.0) is 1/N, the
-    sample average; for epsilon, the finished episodes, or with per_step the steps taken.
-    """
-    if not is_number(first) or not 0 < first <= 1:
-        raise ValueError(f"first: got {first!r}, must be in (0, 1]")
-    if not (is_number(rate) and is_number(power) and 0 <= rate < np.inf and 0 <= power < np.inf):
-        raise ValueError(f"rate, power: got {rate!r}, {power!r}, must be at least 0")
-    return Schedule(float(first), float(rate), float(power), bool(per_step))
+def check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng):
+    """pi, gamma, n_episodes, V, max_steps, record as loops take them."""
+    (legal, terminal), gamma, n_episodes = spaces(world), check_gamma(gamma), check_count("n_episodes", n_episodes)
+    pi, V, record, _ = check_pi(legal, pi), check_v0(terminal, V0), check_count("record", record, 0), check_rng(rng)
+    return pi, gamma, n_episodes, V, check_max_steps(world, max_steps, pi), record
 
 
-def check_schedule(name, value):
-    """value as a Schedule; a number is one that never falls. ValueError unless it is in (0, 1], or 0 for epsilon."""
-    if isinstance(value, Schedule):
-        return value
-    if not (is_number(value) and (0 < value <= 1 or (name == "epsilon" and value == 0))):
-        raise ValueError(
-            f"{name}: got {value!r}, must be in {'[0, 1]' if name == 'epsilon' else '(0, 1]'} or decaying(...)"
-        )
-    return Schedule(float(value), 0.0, 0.0, False)
-
-
-@compiled
-def at(schedule, n):
-    """Value of a schedule after n."""
-    return schedule.first if schedule.rate == 0.0 else schedule.first / (1.0 + schedule.rate * n) ** schedule.power
+def value_run(found, pi, record):
+    """The Run of a loop that learned v_pi."""
+    returns, lengths, V, history = found
+    return Run(returns, lengths, V=V, policy=pi, history=history if record else None)

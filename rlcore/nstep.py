@@ -7,23 +7,19 @@ terminated, and one more entry, V(S_T), where it was cut and goes on unseen.
 import numpy as np
 
 from rlcore.bellman import policy_matrix, solve_policy
-from rlcore.compiled import compiled
-from rlcore.experience import act, books, check_max_steps, reset, run_loop, spaces
-from rlcore.mdp import (
-    FiniteMDP,
+from rlcore.core.checks import (
     as_floats,
     as_integers,
     check_count,
     check_gamma,
-    check_pi,
+    check_index,
     check_probability,
-    check_rng,
+    check_rate,
     check_values,
-    cumulative,
-    draw,
 )
-from rlcore.results import Run
-from rlcore.tabular import check_rate, check_v0
+from rlcore.core.compiled import compiled
+from rlcore.core.sampling import cumulative, draw
+from rlcore.core.worlds import act, books, check_prediction, reset, run_loop, value_run
 
 READINGS = ("in order", "summed", "recomputed")
 
@@ -59,7 +55,7 @@ def n_step_return(rewards, values, gamma, n, t=None):
     rewards, values, gamma, n = *_episode(rewards, values), check_gamma(gamma), check_count("n", n)
     T = rewards.size
     if t is not None:
-        t = FiniteMDP._index("t", t, T)
+        t = check_index("t", t, T)
         return float(return_to_horizon(rewards, gamma, t, min(t + n, T), values[min(t + n, T)]))
     return np.array([n_step_return(rewards, values, gamma, n, t) for t in range(T)])
 
@@ -220,22 +216,6 @@ def _offline_lambda_return(world, pi_cdf, gamma, n_episodes, V, max_steps, recor
         if record and (i + 1) % record == 0:
             history[(i + 1) // record] = V
     return returns, lengths, V, history
-
-
-# ---------------------------------------------------------------------- what the learners share
-
-
-def check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng):
-    """pi, gamma, n_episodes, V, max_steps, record as loops take them."""
-    (legal, terminal), gamma, n_episodes = spaces(world), check_gamma(gamma), check_count("n_episodes", n_episodes)
-    pi, V, record, _ = check_pi(legal, pi), check_v0(terminal, V0), check_count("record", record, 0), check_rng(rng)
-    return pi, gamma, n_episodes, V, check_max_steps(world, max_steps, pi), record
-
-
-def value_run(found, pi, record):
-    """The Run of a loop that learned v_pi."""
-    returns, lengths, V, history = found
-    return Run(returns, lengths, V=V, policy=pi, history=history if record else None)
 
 
 # ---------------------------------------------------------------------- checks

@@ -11,18 +11,26 @@ Each starts below v_*. Source: MacQueen (1966); Puterman (1994), sections 6.5 to
 
 import numpy as np
 
-from rlcore.bellman import _reaches, greedy, policy_matrix, q_from_v, solve_policy
-from rlcore.compiled import compiled
-from rlcore.mdp import check_gamma, is_number, uniform_policy
-from rlcore.results import Solution
+from rlcore.bellman import greedy, policy_matrix, q_from_v, reaches, solve_policy
+from rlcore.core.checks import check_gamma, is_number
+from rlcore.core.compiled import compiled
+from rlcore.core.results import Solution
+from rlcore.mdp import uniform_policy
 
 ULP = float(np.finfo(float).eps) / 2  # relative error of one operation
+
 SUM_TOL = 1e-9  # by how much FiniteMDP allows the probabilities of a pair to miss 1
+
 SWEEPS, QUEUE, POLICIES = 0, 1, 2  # the three ways
+
 STAND = 4  # sweeps for which a policy stands
+
 WINDOW = 6  # times that actions are compared before the contraction of the span is judged
+
 PATIENCE = 10.0  # windows that it may still need; where it needs more, the queue takes over
+
 QUEUE_CAP = 400  # backups a state, and a million in all, after which policies take over from the queue
+
 MOST = 100_000  # backups a state at gamma = 1, where nothing contracts
 
 
@@ -351,7 +359,7 @@ def _undiscounted(mdp, tol):
     from rlcore.dp import error_bound
 
     pi = uniform_policy(mdp)
-    if not (ends := _reaches(policy_matrix(mdp, pi)[0], mdp.terminal)).all():
+    if not (ends := reaches(policy_matrix(mdp, pi)[0], mdp.terminal)).all():
         raise ValueError(
             f"gamma: got 1, but no policy ends from state {np.flatnonzero(~ends)[0]}, must be below 1 here"
         )

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 HAVE_NUMBA = importlib.util.find_spec("numba") is not None and os.environ.get("RLCORE_NO_NUMBA") != "1"
+
 _lazy = []
 
 
@@ -82,7 +83,7 @@ def _dispatcher(function):
 @functools.cache
 def _sources():
     """Digest of the package's sources, "" in a zip: numba does not see that a function in another file has changed."""
-    paths = sorted(Path(__file__).parent.rglob("*.py"))
+    paths = sorted(Path(__file__).parents[1].rglob("*.py"))
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest() if paths else ""
 
 

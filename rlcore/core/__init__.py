@@ -1,0 +1,1 @@
+"""What the algorithms stand on: checks, compilation, worlds, results."""

@@ -1,0 +1,133 @@
+"""A policy network beside an estimate of its values (chapter 8)."""
+
+import numpy as np
+
+from rlcore.nn import MLP, check_network
+from rlcore.optimizers import Adam
+from rlcore.policies import Categorical, Gaussian
+
+
+class ActorCritic:
+    """A policy and an estimate of its values: two networks, or one that shares its layers (cl-141).
+
+    net: observations (B, d) to A logits or A means; with critic None it has one output more, the value. critic:
+    observations to (B, 1). log_std: (A,) where actions are continuous, learned, the same in every state; None where
+    they are discrete. normaliser: what observations pass through first, or None.
+    """
+
+    def __init__(self, net, critic=None, log_std=None, log_std_optimizer=None, normaliser=None):
+        self.net, self.critic, self.log_std, self.normaliser = net, critic, log_std, normaliser
+        self.log_std_optimizer = log_std_optimizer
+        self._n = -1 if critic is None else None
+
+    def forward(self, x):
+        """(policy, values (B,)) for observations x (B, d) that the normaliser has seen."""
+        outputs = self.net.forward(x)
+        values = outputs if self.critic is None else self.critic.forward(x)
+        return self.distribution(outputs[:, : self._n]), values[:, -1]
+
+    def distribution(self, outputs):
+        """The policy that outputs (B, A) stand for; it stays as it is when log_std learns on."""
+        return Categorical(outputs) if self.log_std is None else Gaussian(outputs, self.log_std.copy())
+
+    def policy(self, observations):
+        """The policy in observations (B, d) as the environment gives them."""
+        return self.forward(self.see(observations))[0]
+
+    def values(self, observations):
+        """v_hat, (B,), of observations (B, d) as the environment gives them."""
+        return self.forward(self.see(observations))[1]
+
+    def likeliest(self, observation):
+        """The likeliest action for one observation (d,): a number, or (A,)."""
+        policy = self.policy(np.asarray(observation)[None])
+        return int(policy.logits[0].argmax()) if self.log_std is None else policy.mean[0]
+
+    def step(self, d_policy, d_values):
+        """One step of every optimizer against a loss with these derivatives.
+
+        d_policy: (B, A) with respect to the logits, or ((B, A), (B, A)) to mean and log_std. d_values: (B,).
+        """
+        d_outputs, d_log_std = d_policy if isinstance(d_policy, tuple) else (d_policy, None)
+        if self.critic is None:
+            d_outputs = np.column_stack((d_outputs, d_values))
+        else:
+            self.critic.step(self.critic.backward(d_values[:, None]))
+        self.net.step(self.net.backward(d_outputs))
+        if d_log_std is not None:
+            self.log_std_optimizer.update(self.log_std, d_log_std.sum(axis=0))
+
+    def set_lr(self, lr):
+        """The learning rate of every optimizer."""
+        for part in (self.net.optimizer, self.critic and self.critic.optimizer, self.log_std_optimizer):
+            if part is not None:
+                part.lr = lr
+
+    def see(self, observations):
+        """observations as the networks take them."""
+        x = np.asarray(observations, self.net.theta.dtype)
+        return x if self.normaliser is None else self.normaliser(x)
+
+    def acting(self):
+        """The function from observations (N, d) to outputs (N, A), an MLP's layers spelt out: called for every step."""
+        see, n, layers = self.normaliser or (lambda x: x), self._n, None
+        if not isinstance(self.net, MLP):
+            return lambda x: self.net.forward(see(x))[:, :n]
+        layers = list(zip([w.T for w in self.net.weights], self.net.biases, self.net._sigma))  # views of theta
+
+        def outputs(x):
+            a = see(x)
+            for w, b, sigma in layers:
+                a = sigma(a @ w + b)
+            return a[:, :n]
+
+        return outputs
+
+
+class Normaliser:
+    """Observations less their mean, over their deviation, both of all that was seen so far; cut at +-limit.
+
+    Source: Chan, Golub and LeVeque (1979) for the running sums.
+    """
+
+    def __init__(self, d, limit=5.0, dtype=np.float32):
+        self.n, self._mean, self._square, self.limit = 0, np.zeros(d), np.zeros(d), limit
+        self.mean, self.scale = np.zeros(d, dtype), np.ones(d, dtype)
+
+    def update(self, x):
+        """Count x (B, d) in."""
+        n, mean = self.n + len(x), x.mean(axis=0, dtype=float)
+        apart = mean - self._mean
+        self._square += ((x - mean) ** 2).sum(axis=0) + apart**2 * (self.n * len(x) / n)
+        self._mean += apart * (len(x) / n)
+        self.n = n
+        self.mean[:] = self._mean
+        self.scale[:] = 1 / np.sqrt(np.maximum(self._square / n, 1e-4))
+
+    def __call__(self, x):
+        x = (x - self.mean) * self.scale
+        return np.minimum(np.maximum(x, -self.limit, out=x), self.limit, out=x)
+
+
+def make_agent(env, config, net, critic, rng, *, shared=False):
+    """Networks for the spaces of env, new ones where None."""
+    d, actions = env.single_observation_space.shape[0], env.single_action_space
+    A = int(actions.n) if hasattr(actions, "n") else actions.shape[0]
+    if net is None:
+        net = MLP([d, *config.hidden, A + shared], optimizer=_adam(config), rng=rng)
+        net.weights[-1][:A] *= 0.01
+    if shared and critic is not None:
+        raise ValueError("critic: got a network with shared = True, must be None: net's last output is the value")
+    if critic is None and not shared:
+        critic = MLP([d, *config.hidden, 1], optimizer=_adam(config), rng=rng)
+    check_network("net", net, d, A + shared)
+    if critic is not None:
+        check_network("critic", critic, d, 1)
+    normaliser = Normaliser(d, dtype=net.theta.dtype) if config.normalise_observations else None
+    if hasattr(actions, "n"):
+        return ActorCritic(net, critic, normaliser=normaliser)
+    return ActorCritic(net, critic, np.zeros(A, net.theta.dtype), _adam(config), normaliser)
+
+
+def _adam(config):
+    return Adam(config.lr, eps=1e-5)

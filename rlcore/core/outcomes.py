@@ -1,0 +1,169 @@
+"""The arrays of a FiniteMDP: made from outcomes, matrices or a table of gymnasium, compared, and checked."""
+
+import numpy as np
+
+from rlcore.core.checks import as_floats, check_count, check_index, is_number
+
+
+def from_outcomes(outcomes, n_states, n_actions, start):
+    """next_state, prob, reward, legal, terminal and start of {(s, a): [(probability, s_next, reward), ...]}."""
+    if not isinstance(outcomes, dict) or not outcomes:
+        raise ValueError(f"outcomes: got {outcomes!r}, must be a table with at least one (s, a)")
+    merged = {_pair(key): _merge(key, rows) for key, rows in outcomes.items()}
+    S = 1 + max(max(s for s, _ in merged), max(s for row in merged.values() for s, _ in row))
+    A = 1 + max(a for _, a in merged)
+    S = S if n_states is None else check_count("n_states", n_states)
+    A = A if n_actions is None else check_count("n_actions", n_actions)
+    K = max(len(row) for row in merged.values())
+    next_state = np.repeat(np.arange(S), A * K).reshape(S, A, K)
+    prob, reward, legal = np.zeros((S, A, K)), np.zeros((S, A, K)), np.zeros((S, A), bool)
+    for (s, a), row in merged.items():
+        if s >= S or a >= A:
+            raise ValueError(f"outcomes: key {(s, a)} is outside 0..{S - 1} states, 0..{A - 1} actions")
+        legal[s, a] = True
+        for k, ((s_next, r), p) in enumerate(row.items()):
+            next_state[s, a, k], prob[s, a, k], reward[s, a, k] = s_next, p, r
+    terminal = ~legal.any(axis=1)
+    legal[terminal], prob[terminal, :, 0] = True, 1.0
+    return next_state, prob, reward, legal, terminal, _start(start, terminal)
+
+
+def from_arrays(P, R, terminal, start):
+    """The same of p(s'|s, a) (S, A, S) and r(s, a) or r(s, a, s')."""
+    P, R = as_floats("P", P), as_floats("R", R)
+    if P.ndim != 3 or P.shape[0] != P.shape[2] or 0 in P.shape:
+        raise ValueError(f"P: got shape {P.shape}, must be (S, A, S)")
+    if R.shape not in (P.shape, P.shape[:2]):
+        raise ValueError(f"R: got shape {R.shape}, must be {P.shape[:2]} or {P.shape}")
+    if not (np.isfinite(P).all() and (P >= 0).all()):
+        bad = P[~(np.isfinite(P) & (P >= 0))][0]
+        raise ValueError(f"P: contains {bad:g}, must be probabilities")
+    R = np.broadcast_to(R if R.ndim == 3 else R[:, :, None], P.shape)
+    terminal = np.zeros(len(P), bool) if terminal is None else as_floats("terminal", terminal).astype(bool)
+    if terminal.shape != (len(P),):
+        raise ValueError(f"terminal: got shape {terminal.shape}, must be ({len(P)},)")
+    bad = terminal[:, None, None] & (
+        (np.nan_to_num(R) != 0) | (P > 0) & (np.arange(len(P)) != np.arange(len(P))[:, None, None])
+    )
+    if bad.any():
+        s, a, s_next = np.argwhere(bad)[0]
+        name, value = ("R", R[s, a, s_next]) if R[s, a, s_next] else ("P", P[s, a, s_next])
+        raise ValueError(f"{name}: got {value:g} at (s={s}, a={a}, s_next={s_next}), must be 0 as {s} is terminal")
+    K = max(1, int((P > 0).sum(axis=2).max()))
+    order = np.argsort(P == 0, axis=2, kind="stable")[:, :, :K]  # positive entries first, in order of s'
+    prob = np.take_along_axis(P, order, axis=2)
+    legal = (prob > 0).any(axis=2) | terminal[:, None]
+    reward = np.where(prob > 0, np.take_along_axis(R, order, axis=2), 0.0)
+    prob[terminal], prob[terminal, :, 0], order[terminal] = 0.0, 1.0, np.flatnonzero(terminal)[:, None, None]
+    return order, prob, reward, legal, terminal, _start(start, terminal)
+
+
+def from_env(env):
+    """Outcomes, the table `P` of a gymnasium environment, and its sizes, start and names."""
+    env = getattr(env, "unwrapped", env)
+    table = getattr(env, "P", None)
+    if table is None:
+        raise ValueError(f"env: {type(env).__name__} has no transition table P; from_env reads toy-text tables only")
+    S, A = int(env.observation_space.n), int(env.action_space.n)
+    terminal = {s2 for row in table.values() for out in row.values() for p, s2, _, done in out if done and p > 0}
+    outcomes = {
+        (s, a): [(p, s2, r) for p, s2, r, _ in out]
+        for s, row in table.items()
+        if s not in terminal
+        for a, out in row.items()
+    }
+    start = np.asarray(env.initial_state_distrib, float)
+    names = {f"{kind}_names": getattr(env, f"{kind}_names", None) for kind in ("state", "action")}
+    return outcomes, table, dict(n_states=S, n_actions=A, start=start, **names)
+
+
+def check_ends(mdp, table):
+    """ValueError where a state that ends an episode can also be entered without ending it."""
+    for s in np.flatnonzero(_reachable(mdp) & ~mdp.terminal):
+        for a, out in table[s].items():
+            for p, s_next, _, done in out:
+                if p > 0 and not done and mdp.terminal[s_next]:
+                    raise ValueError(f"env: (s={s}, a={a}) enters the terminal state {s_next} with terminated=False")
+
+
+def names(name, values):
+    if isinstance(values, str) or not hasattr(values, "__iter__"):
+        raise ValueError(f"{name}: got {values!r}, must be a sequence of names")
+    return tuple(values)
+
+
+def check_shapes(mdp):
+    if mdp.prob.ndim != 3 or 0 in mdp.prob.shape:
+        raise ValueError(f"prob: got shape {mdp.prob.shape}, must be (S, A, K) with S, A, K at least 1")
+    S, A, _ = mdp.prob.shape
+    shapes = dict(next_state=mdp.prob.shape, reward=mdp.prob.shape, legal=(S, A), terminal=(S,), start=(S,))
+    for name, shape in shapes.items():
+        if getattr(mdp, name).shape != shape:
+            raise ValueError(f"{name}: got shape {getattr(mdp, name).shape}, must be {shape}")
+    for name, size in (("state_names", S), ("action_names", A)):
+        if getattr(mdp, name) is not None and len(getattr(mdp, name)) != size:
+            raise ValueError(f"{name}: got {len(getattr(mdp, name))} names, must be {size}")
+    return S, A
+
+
+def _is_index(i):
+    return is_number(i) and isinstance(i, (int, np.integer)) and i >= 0
+
+
+def _pair(key):
+    if not (isinstance(key, tuple) and len(key) == 2 and all(_is_index(i) for i in key)):
+        raise ValueError(f"outcomes: got key {key!r}, must be (s, a), two integers that are at least 0")
+    return key
+
+
+def _merge(key, rows):
+    merged = {}
+    for row in rows if hasattr(rows, "__iter__") else [rows]:
+        if not (isinstance(row, (tuple, list)) and len(row) == 3 and all(map(is_number, row))):
+            raise ValueError(f"outcomes: got {row!r} at {key}, must be (probability, s_next, reward)")
+        p, s_next, r = row
+        if not _is_index(s_next):
+            raise ValueError(f"outcomes: got s_next = {s_next!r} at {key}, must be an integer that is at least 0")
+        if p < 0:
+            raise ValueError(f"outcomes: got probability {p!r} at {key}, must be at least 0")
+        merged[int(s_next), float(r)] = merged.get((int(s_next), float(r)), 0.0) + float(p)
+    if not merged:
+        raise ValueError(f"outcomes: no outcome at {key}, needs at least one; leave the pair out if it is not in A(s)")
+    return merged
+
+
+def _start(start, terminal):
+    if start is None:
+        if terminal.all():
+            raise ValueError("terminal: every state is terminal, needs at least one that is not")
+        return ~terminal / np.sum(~terminal)
+    if np.ndim(start) == 0:
+        return np.arange(terminal.size) == check_index("start", start, terminal.size)
+    return start
+
+
+def canonical(mdp):
+    """Arrays with equal outcomes merged, ordered by (s', r) and padding blanked: equal processes have equal arrays."""
+    s_next, r, p = _ordered(mdp.next_state, mdp.reward, mdp.prob)
+    for k in range(1, p.shape[2]):
+        same = (p[:, :, k] > 0) & (s_next[:, :, k] == s_next[:, :, k - 1]) & (r[:, :, k] == r[:, :, k - 1])
+        p[:, :, k] += np.where(same, p[:, :, k - 1], 0.0)
+        p[:, :, k - 1] = np.where(same, 0.0, p[:, :, k - 1])
+    return [*_ordered(s_next, r, p), mdp.legal, mdp.terminal, mdp.start]
+
+
+def _ordered(next_state, reward, prob):
+    used = prob > 0
+    fields = [np.where(used, x, 0) for x in (next_state, reward, prob)]
+    order = np.lexsort((fields[1], fields[0], ~used), axis=2)[:, :, : int(used.sum(axis=2).max())]
+    return [np.take_along_axis(x, order, axis=2) for x in fields]
+
+
+def _reachable(mdp):
+    """States that some policy can meet, (S,) bool."""
+    seen, frontier = mdp.start > 0, np.flatnonzero(mdp.start > 0)
+    while frontier.size:
+        found = np.unique(mdp.next_state[frontier][mdp.prob[frontier] > 0])
+        frontier = found[~seen[found]]
+        seen[frontier] = True
+    return seen

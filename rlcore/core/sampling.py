@@ -1,0 +1,33 @@
+"""Drawing from tables of probabilities, in compiled loops, too."""
+
+from collections import namedtuple
+
+import numpy as np
+
+from rlcore.core.compiled import compiled
+
+Sampler = namedtuple("Sampler", "next_state reward cdf terminal start_cdf")
+
+
+def cumulative(prob):
+    """Cumulative probabilities along the last axis, exactly 1 from the last positive entry on."""
+    prob = np.asarray(prob)
+    positive_after = np.cumsum(prob[..., ::-1] > 0, axis=-1)[..., ::-1] - (prob > 0)
+    return np.where(positive_after > 0, np.cumsum(prob, axis=-1), 1.0)
+
+
+@compiled
+def draw(cdf, rng):
+    """Index drawn from cumulative probabilities cdf, (K,)."""
+    u = rng.random()
+    k = 0
+    while cdf[k] <= u:
+        k += 1
+    return k
+
+
+@compiled
+def step(world, s, a, rng):
+    """One transition (s', r) of the sampled process. eq-1"""
+    k = draw(world.cdf[s, a], rng)
+    return world.next_state[s, a, k], world.reward[s, a, k]

@@ -1,0 +1,1 @@
+"""What one chapter does once: experiments, data, tables of runs."""

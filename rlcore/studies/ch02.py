@@ -1,0 +1,67 @@
+"""What chapter 2 measures once."""
+
+import time
+from math import comb
+
+import numpy as np
+
+from rlcore.bellman import optimality_backup
+from rlcore.core.checks import check_count, is_number
+from rlcore.dp import value_iteration
+from rlcore.mdp import FiniteMDP
+
+
+def backups_per_second(mdp, gamma=0.9):
+    """State values that value iteration computes in a second on this machine, one core. ex-backgammon"""
+    value_iteration(mdp, gamma, tol=1.0)  # compiles
+    start = time.perf_counter()
+    sweeps = value_iteration(mdp, gamma, tol=1e-3).n_iter
+    return sweeps * mdp.n_states / (time.perf_counter() - start)
+
+
+def best_with_club(mdp, Q, club):
+    """max of Q over the actions of one club, (S,): q(s, club). eq-14, fig-5
+
+    Q: (S, A). club: the first word of the action's name, "putter" or "driver". -inf where the club has no legal shot.
+    """
+    mine = [a for a, name in enumerate(mdp.action_names) if name.split()[0] == club]
+    if not mine:
+        clubs = sorted({name.split()[0] for name in mdp.action_names})
+        raise ValueError(f"club: got {club!r}, must be one of {clubs}")
+    return np.asarray(Q)[:, mine].max(axis=1)
+
+
+def putting_values(mdp, n_sweeps):
+    """Sweeps of (16) where some states may never reach the end: history (n_sweeps + 1, S). ex-golf-putter
+
+    V_k is the best return of k strokes. In a state from which the hole cannot be reached it falls by 1 in each sweep,
+    for ever, so that its limit is -infinity; value_iteration refuses such a process at gamma = 1.
+    """
+    history = [np.zeros(mdp.n_states)]
+    for _ in range(check_count("n_sweeps", n_sweeps)):
+        history.append(optimality_backup(mdp, history[-1], 1.0))  # eq-16
+    return np.array(history)
+
+
+def free_last_stroke(mdp):
+    """The same process, but the stroke that reaches the hole costs nothing (the document's wording). ex-golf-putter"""
+    reward = np.where(mdp.terminal[mdp.next_state], 0.0, mdp.reward)
+    names = (mdp.state_names, mdp.action_names)
+    return FiniteMDP(mdp.next_state, mdp.prob, reward, mdp.legal, mdp.terminal, mdp.start, *names)
+
+
+SECONDS_PER_YEAR = 365.25 * 24 * 3600
+
+
+def board_states(rows, cols):
+    """Boards that two players who move in turn can fill, wins left aside: sum over k of C(n, k) C(k, k // 2). cl-023"""
+    n = check_count("rows", rows) * check_count("cols", cols)
+    return sum(comb(n, k) * comb(k, k // 2) for k in range(n + 1))
+
+
+def cost_of_a_sweep(n_states, per_second=1e9, n_bytes=8):
+    """(years, bytes): time of one backup of every state, and memory for one number a state. ex-backgammon"""
+    for name, value in dict(n_states=n_states, per_second=per_second, n_bytes=n_bytes).items():
+        if not is_number(value) or not value > 0:
+            raise ValueError(f"{name}: got {value!r}, must be a positive number")
+    return n_states / per_second / SECONDS_PER_YEAR, n_states * n_bytes

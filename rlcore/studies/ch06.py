@@ -1,0 +1,26 @@
+"""Pictures of handwritten digits to train a network on (chapter 6)."""
+
+import numpy as np
+
+from rlcore.core.checks import check_count, check_rng
+
+
+def load_digits_28(*, size=28, n_train=1500, rng):
+    """scikit-learn's 1,797 digits of 8x8 pixels, enlarged by bilinear interpolation, in random order. fig-47, ex-digits
+
+    size: pixels a side; 8 leaves them as they are. n_train: how many are for training, the others for testing.
+    Returns x_train (n_train, size * size) float32 in [0, 1], labels_train (n_train,), x_test, labels_test.
+    Source: Alpaydin and Kaynak (1998), UCI; scikit-learn's load_digits.
+    """
+    from sklearn.datasets import load_digits
+
+    size, n_train, rng = check_count("size", size, least=2), check_count("n_train", n_train), check_rng(rng)
+    data = load_digits()
+    if n_train >= len(data.images):
+        raise ValueError(f"n_train: got {n_train}, must be below {len(data.images)}, the number of pictures")
+    where = np.linspace(0, 7, size)  # positions of the new pixels among the old
+    enlarge = np.maximum(0, 1 - np.abs(where[:, None] - np.arange(8)))  # (size, 8): linear interpolation
+    x = (enlarge @ (data.images / 16) @ enlarge.T).reshape(-1, size * size).astype(np.float32)
+    order = rng.permutation(len(x))
+    train, test = order[:n_train], order[n_train:]
+    return x[train], data.target[train], x[test], data.target[test]
