@@ -1,6 +1,7 @@
 """Checkers are checked: stubs, solutions, every catalogued mistake, and answers that are wrong in unusual ways."""
 
 import ast
+import dataclasses
 import functools
 import itertools
 import json
@@ -8,6 +9,7 @@ import pickle
 import re
 import subprocess
 import sys
+import textwrap
 import time
 from pathlib import Path
 from xml.etree import ElementTree
@@ -18,7 +20,7 @@ import pytest
 import yaml
 
 from rlcore.exercises import CHAPTERS, EXERCISES, KINDS, check, engine, hint, sandbox, solution
-from rlcore.exercises.engine import Verdict
+from rlcore.exercises.engine import Verdict, Wrong
 from rlcore.exercises.notebook import _with_links, build, write
 from rlcore.exercises.sandbox import Crash, _attempt, _in_thread, run_guarded
 
@@ -198,6 +200,29 @@ def test_a_chapter_has_eight_exercises_of_all_kinds_and_questions(name):
 
 
 ONE = EXERCISES["ch01-expected-reward"]
+
+
+def with_wrong(source):
+    wrong = (Wrong(source, "one"), *ONE.wrong)
+    exercise = dataclasses.replace(ONE, id="ch00-replaced", wrong=wrong)
+    del EXERCISES[exercise.id]
+    return exercise.wrong[0].source
+
+
+def test_a_wrong_answer_is_the_solution_with_replacements_or_a_program():
+    program = "def expected_reward(prob, reward):\n    return (prob + reward).sum(axis=1)"
+    assert with_wrong({"prob * reward": "prob + reward", "axis=2": "axis=1"}) == program
+    assert with_wrong(textwrap.indent(program, "    ")) == program
+
+
+@pytest.mark.parametrize(
+    "text, before",
+    [("no such text", {}), ("prob", {}), ("sum(axis=2)", {"axis=2": "axis=1"}), ("axis=2", {"prob *": "axis=2 *"})],
+    ids=["missing", "twice", "missing by now", "twice by now"],
+)
+def test_a_text_to_replace_must_occur_exactly_once(text, before):
+    with pytest.raises(ValueError, match=f"^exercise ch00-replaced: '{re.escape(text)}' must occur exactly once"):
+        with_wrong({**before, text: "0"})
 
 
 def test_the_learners_own_traceback_is_shown():

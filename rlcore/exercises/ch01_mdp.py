@@ -94,15 +94,10 @@ Exercise(
             "gamma is missing: these are undiscounted sums of the rewards to come",
         ),
         Wrong(
-            """
-            def returns(rewards, gamma):
-                G = np.zeros(len(rewards))
-                following = 0.0
-                for t in reversed(range(len(rewards))):
-                    following = gamma * (rewards[t] + following)
-                    G[t] = following
-                return G
-            """,
+            {
+                "G[t] = rewards[t] + gamma * following": "following = gamma * (rewards[t] + following)",
+                "following = G[t]": "G[t] = following",
+            },
             "the first reward is discounted too: R_{t+1} counts in full in G_t",
         ),
         Wrong(
@@ -156,24 +151,14 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def expected_reward(prob, reward):
-                return reward.mean(axis=2)
-            """,
+            {"(prob * reward).sum": "reward.mean"},
             "every outcome counts alike: weigh the rewards with their probabilities",
         ),
+        Wrong({"(prob * reward)": "reward"}, "the rewards are added without their probabilities"),
         Wrong(
-            """
-            def expected_reward(prob, reward):
-                return reward.sum(axis=2)
-            """,
-            "the rewards are added without their probabilities",
-        ),
-        Wrong(
-            """
-            def expected_reward(prob, reward):
-                return np.take_along_axis(reward, prob.argmax(axis=2)[:, :, None], axis=2)[:, :, 0]
-            """,
+            {
+                "(prob * reward).sum(axis=2)": "np.take_along_axis(reward, prob.argmax(axis=2)[:, :, None], axis=2)[:, :, 0]"
+            },
             "this is the reward of the likeliest outcome, not the expected one",
         ),
     ),
@@ -251,19 +236,7 @@ Exercise(
             """,
             "the lost probability is hidden by dividing each row by its sum: add the probabilities up instead",
         ),
-        Wrong(
-            """
-            def transition_probs(prob, next_state):
-                S, A, K = prob.shape
-                P = np.zeros((S, A, S))
-                for s in range(S):
-                    for a in range(A):
-                        for k in range(K):
-                            P[s, a, next_state[s, a, k]] += 1 / K
-                return P
-            """,
-            "every outcome counts alike: add prob[s, a, k], not 1 / K",
-        ),
+        Wrong({"prob[s, a, k]": "1 / K"}, "every outcome counts alike: add prob[s, a, k], not 1 / K"),
     ),
     minutes=6,
     covers=("eq-3", "eq-2"),
@@ -287,12 +260,9 @@ Exercise(
     solution="G0_pole = -(0.8**4) / (1 - 0.8**5)",
     wrong=(
         Wrong("G0_pole = -(0.8**4)", "this counts the first failure only, as the document's formula does"),
-        Wrong("G0_pole = -(0.8**5) / (1 - 0.8**5)", "one factor gamma too many: R_5 counts with gamma to the power 4"),
-        Wrong(
-            "G0_pole = -(0.8**4) / (1 - 0.8)",
-            "the failures come every 5 steps: the ratio of the series is gamma to the 5",
-        ),
-        Wrong("G0_pole = (0.8**4) / (1 - 0.8**5)", "the sign: a failure pays -1"),
+        Wrong({"0.8**4": "0.8**5"}, "one factor gamma too many: R_5 counts with gamma to the power 4"),
+        Wrong({"0.8**5": "0.8"}, "the failures come every 5 steps: the ratio of the series is gamma to the 5"),
+        Wrong({"-(0.8**4)": "(0.8**4)"}, "the sign: a failure pays -1"),
     ),
     minutes=4,
     covers=("eq-u-pole-return", "ex-pole-continuing"),
@@ -342,59 +312,18 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def ferry(p):
-                outcomes = {
-                    (0, 0): [(p, 1, -2), (1 - p, 0, -2)],
-                    (0, 1): [(1, 0, -1)],
-                    (1, 0): [(1, 2, 10)],
-                    (1, 1): [(1, 0, -1)],
-                    (2, 0): [(1, 2, 0)],
-                    (2, 1): [(1, 2, 0)],
-                }
-                return FiniteMDP.from_outcomes(outcomes, start=0)
-            """,
+            {"(1, 1): [(1, 0, -1)],": "(1, 1): [(1, 0, -1)], (2, 0): [(1, 2, 0)], (2, 1): [(1, 2, 0)],"},
             "the far bank is not terminal: a state is terminal when the table has no action for it",
         ),
         Wrong(
-            """
-            def ferry(p):
-                outcomes = {
-                    (0, 0): [(p, 1, -2), (1 - p, 0, 0)],
-                    (0, 1): [(1, 0, -1)],
-                    (1, 0): [(1, 2, 10)],
-                    (1, 1): [(1, 0, -1)],
-                }
-                return FiniteMDP.from_outcomes(outcomes, start=0)
-            """,
+            {"(1 - p, 0, -2)": "(1 - p, 0, 0)"},
             "rowing costs 2 whether the boat gets on or is brought back: both outcomes pay -2",
         ),
         Wrong(
-            """
-            def ferry(p):
-                outcomes = {
-                    (0, 0): [(1 - p, 1, -2), (p, 0, -2)],
-                    (0, 1): [(1, 0, -1)],
-                    (1, 0): [(1, 2, 10)],
-                    (1, 1): [(1, 0, -1)],
-                }
-                return FiniteMDP.from_outcomes(outcomes, start=0)
-            """,
+            {"(p, 1, -2), (1 - p, 0, -2)": "(1 - p, 1, -2), (p, 0, -2)"},
             "the probabilities are swapped: p is the chance of reaching the middle",
         ),
-        Wrong(
-            """
-            def ferry(p):
-                outcomes = {
-                    (0, 0): [(p, 1, -2), (1 - p, 0, -2)],
-                    (0, 1): [(1, 0, -1)],
-                    (1, 0): [(1, 2, 10)],
-                    (1, 1): [(1, 0, -1)],
-                }
-                return FiniteMDP.from_outcomes(outcomes)
-            """,
-            "episodes start at home: pass start=0",
-        ),
+        Wrong({", start=0": ""}, "episodes start at home: pass start=0"),
     ),
     minutes=10,
     covers=("alg-model-marginals", "eq-1"),

@@ -157,11 +157,10 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def backup(pi, prob, reward, next_state, terminal, V, gamma):
-                Q = (prob * (reward + gamma * V[next_state])).sum(axis=2)
-                return np.where(terminal, 0.0, (pi * Q).sum(axis=1))
-            """,
+            {
+                "    V = np.where(terminal, 0.0, V)\n": "",
+                "(pi * Q).sum(axis=1)": "np.where(terminal, 0.0, (pi * Q).sum(axis=1))",
+            },
             "the terminal state is bootstrapped: its value as a successor is 0",
         ),
         Wrong(
@@ -303,27 +302,15 @@ Exercise(
             "the maximum still includes actions that do not exist, whose 0 beats every real value",
         ),
         Wrong(
-            """
-            def optimality(prob, reward, next_state, legal, Q, gamma):
-                best = Q.sum(axis=1) / legal.sum(axis=1)
-                return (prob * (reward + gamma * best[next_state])).sum(axis=2)
-            """,
+            {"np.where(legal, Q, -np.inf).max": "Q.sum(axis=1) / legal.sum"},
             "this averages over the legal actions: (17) takes the best one",
         ),
         Wrong(
-            """
-            def optimality(prob, reward, next_state, legal, Q, gamma):
-                best = np.where(legal, Q, -np.inf).max()
-                return (prob * (reward + gamma * best)).sum(axis=2)
-            """,
+            {"max(axis=1)": "max()", "best[next_state]": "best"},
             "one maximum for all states: each next state has its own",
         ),
         Wrong(
-            """
-            def optimality(prob, reward, next_state, legal, Q, gamma):
-                best = Q.min(axis=1)
-                return (prob * (reward + gamma * best[next_state])).sum(axis=2)
-            """,
+            {"np.where(legal, Q, -np.inf).max": "Q.min"},
             "this takes the worst action: the best one is the largest among the legal",
         ),
     ),
@@ -377,11 +364,7 @@ Exercise(
             "rows with ties sum to more than 1: divide by the number of maximising actions",
         ),
         Wrong(
-            """
-            def greedy(Q):
-                best = Q == Q.max(axis=1, keepdims=True)
-                return best / best.sum(axis=1, keepdims=True)
-            """,
+            {">= Q.max(axis=1, keepdims=True) - 1e-9": "== Q.max(axis=1, keepdims=True)"},
             "exact comparison breaks ties that differ by rounding only, such as 0.1 + 0.2 and 0.3: allow 1e-9",
         ),
         Wrong(
@@ -467,60 +450,20 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def machine(wear, cost):
-                outcomes = {
-                    (0, 0): [(1 - wear, 0, 5), (wear, 1, 5)],
-                    (0, 1): [(1, 0, -cost)],
-                    (1, 0): [(0.5, 1, 2), (0.5, 2, 2)],
-                    (1, 1): [(1, 0, -cost)],
-                    (2, 0): [(1, 2, 0)],
-                    (2, 1): [(1, 0, -3 * cost)],
-                }
-                return FiniteMDP.from_outcomes(outcomes, start=0)
-            """,
+            {"(2, 1):": "(2, 0): [(1, 2, 0)], (2, 1):"},
             "a broken machine cannot run: leave the pair (2, 0) out instead of letting it run in vain",
         ),
         Wrong(
-            """
-            def machine(wear, cost):
-                outcomes = {
-                    (0, 0): [(1 - wear, 0, 5), (wear, 1, 5)],
-                    (0, 1): [(1, 0, cost)],
-                    (1, 0): [(0.5, 1, 2), (0.5, 2, 2)],
-                    (1, 1): [(1, 0, cost)],
-                    (2, 1): [(1, 0, 3 * cost)],
-                }
-                return FiniteMDP.from_outcomes(outcomes, start=0)
-            """,
+            {
+                "(0, 1): [(1, 0, -cost)]": "(0, 1): [(1, 0, cost)]",
+                "(1, 1): [(1, 0, -cost)]": "(1, 1): [(1, 0, cost)]",
+                "-3 * cost": "3 * cost",
+            },
             "the sign of the cost: a repair is a negative reward",
         ),
+        Wrong({"-3 * cost": "-cost"}, "repairing a broken machine costs three times as much"),
         Wrong(
-            """
-            def machine(wear, cost):
-                outcomes = {
-                    (0, 0): [(1 - wear, 0, 5), (wear, 1, 5)],
-                    (0, 1): [(1, 0, -cost)],
-                    (1, 0): [(0.5, 1, 2), (0.5, 2, 2)],
-                    (1, 1): [(1, 0, -cost)],
-                    (2, 1): [(1, 0, -cost)],
-                }
-                return FiniteMDP.from_outcomes(outcomes, start=0)
-            """,
-            "repairing a broken machine costs three times as much",
-        ),
-        Wrong(
-            """
-            def machine(wear, cost):
-                outcomes = {
-                    (0, 0): [(wear, 0, 5), (1 - wear, 1, 5)],
-                    (0, 1): [(1, 0, -cost)],
-                    (1, 0): [(0.5, 1, 2), (0.5, 2, 2)],
-                    (1, 1): [(1, 0, -cost)],
-                    (2, 1): [(1, 0, -3 * cost)],
-                }
-                return FiniteMDP.from_outcomes(outcomes, start=0)
-            """,
+            {"(1 - wear, 0, 5), (wear, 1, 5)": "(wear, 0, 5), (1 - wear, 1, 5)"},
             "the probabilities are swapped: wear is the chance of becoming worn",
         ),
     ),
@@ -569,29 +512,10 @@ Exercise(
             "this is q_* itself: the return must be that of the equiprobable policy",
         ),
         Wrong(
-            """
-            robot = recycling_robot(beta=0.9)
-            V = solve_policy(robot, uniform_policy(robot), 0.9)
-            verdict = ("refuted", round(float(V[0]), 2))
-            """,
-            "this is v_pi of the state; the first action is fixed: search",
+            {"q_from_v(robot, V, 0.9)[0, 0]": "V[0]"}, "this is v_pi of the state; the first action is fixed: search"
         ),
-        Wrong(
-            """
-            robot = recycling_robot(beta=0.9)
-            V = solve_policy(robot, uniform_policy(robot), 0.9)
-            verdict = ("confirmed", round(float(q_from_v(robot, V, 0.9)[0, 0]), 2))
-            """,
-            "the number is right; it is not q_*, so that the printed line is refuted",
-        ),
-        Wrong(
-            """
-            robot = recycling_robot()
-            V = solve_policy(robot, uniform_policy(robot), 0.9)
-            verdict = ("refuted", round(float(q_from_v(robot, V, 0.9)[0, 0]), 2))
-            """,
-            "this is the robot with beta = 0.6; the exercise asks for beta = 0.9",
-        ),
+        Wrong({'"refuted"': '"confirmed"'}, "the number is right; it is not q_*, so that the printed line is refuted"),
+        Wrong({"beta=0.9": ""}, "this is the robot with beta = 0.6; the exercise asks for beta = 0.9"),
     ),
     minutes=10,
     covers=("eq-17", "ex-recycling"),

@@ -287,44 +287,14 @@ Exercise(
             return V
     """,
     wrong=(
+        Wrong({"- V[s[i]]": "- gamma * V[s[i]]"}, "V(s) is still discounted: close the parenthesis after V(s')"),
+        Wrong({"gamma * V[s_next[i]]": "V[s_next[i]]"}, "without gamma it is right for gamma = 1 only: discount V(s')"),
         Wrong(
-            """
-            def learn(V, s, r, s_next, alpha, gamma):
-                V = V.copy()
-                for i in range(len(s)):
-                    V[s[i]] += alpha * (r[i] + gamma * V[s_next[i]] - gamma * V[s[i]])
-                return V
-            """,
-            "V(s) is still discounted: close the parenthesis after V(s')",
-        ),
-        Wrong(
-            """
-            def learn(V, s, r, s_next, alpha, gamma):
-                V = V.copy()
-                for i in range(len(s)):
-                    V[s[i]] += alpha * (r[i] + V[s_next[i]] - V[s[i]])
-                return V
-            """,
-            "without gamma it is right for gamma = 1 only: discount V(s')",
-        ),
-        Wrong(
-            """
-            def learn(V, s, r, s_next, alpha, gamma):
-                V = V.copy()
-                for i in range(len(s)):
-                    V[s[i]] += alpha * (gamma * (r[i] + V[s_next[i]]) - V[s[i]])
-                return V
-            """,
+            {"r[i] + gamma * V[s_next[i]]": "gamma * (r[i] + V[s_next[i]])"},
             "the reward is discounted, too: it comes one step before V(s')",
         ),
         Wrong(
-            """
-            def learn(V, s, r, s_next, alpha, gamma):
-                W = V.copy()
-                for i in range(len(s)):
-                    W[s[i]] += alpha * (r[i] + gamma * V[s_next[i]] - V[s[i]])
-                return W
-            """,
+            {"V = V.copy()": "W = V.copy()", "V[s[i]] +=": "W[s[i]] +=", "return V": "return W"},
             "the parenthesis is right, but the errors come from the old table: TD(0) uses each new value at once",
         ),
     ),
@@ -417,14 +387,10 @@ Exercise(
             "the last step is left out: its reward is the one thing that is known for certain",
         ),
         Wrong(
-            """
-            def learn_episode(V, states, rewards, alpha, gamma):
-                V = V.copy()
-                for t in range(len(rewards)):
-                    goes_on = t < len(rewards) - 1
-                    V[states[t]] += alpha * ((rewards[t] + gamma * V[states[t + 1]]) * goes_on - V[states[t]])
-                return V
-            """,
+            {
+                "        target = rewards[t] + gamma * V[states[t + 1]] * goes_on\n": "",
+                "target - V[states[t]]": "(rewards[t] + gamma * V[states[t + 1]]) * goes_on - V[states[t]]",
+            },
             "the mask takes the last reward away, too: it belongs to the bootstrap alone",
         ),
     ),
@@ -474,31 +440,16 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def targets(r, V_next, terminated, truncated, gamma):
-                return np.where(terminated | truncated, r, r + gamma * V_next)
-            """,
+            {"r + gamma * V_next * ~terminated": "np.where(terminated | truncated, r, r + gamma * V_next)"},
             "a truncated step is still taken for the end: it goes on unseen, so bootstrap",
         ),
         Wrong(
-            """
-            def targets(r, V_next, terminated, truncated, gamma):
-                return r + gamma * V_next * ~truncated
-            """,
+            {"~terminated": "~truncated"},
             "the flags are swapped: the terminal step bootstraps, the truncated one does not",
         ),
+        Wrong({" * ~terminated": ""}, "no step is masked any more: after a terminal state nothing follows"),
         Wrong(
-            """
-            def targets(r, V_next, terminated, truncated, gamma):
-                return r + gamma * V_next
-            """,
-            "no step is masked any more: after a terminal state nothing follows",
-        ),
-        Wrong(
-            """
-            def targets(r, V_next, terminated, truncated, gamma):
-                return r + gamma * V_next * ~(terminated & ~truncated)
-            """,
+            {"~terminated": "~(terminated & ~truncated)"},
             "a step that terminates at the very time limit bootstraps: terminated decides, whatever truncated says",
         ),
     ),
@@ -546,14 +497,7 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def averages(V, s, G):
-                V, N = V.copy(), np.zeros(len(V))
-                for i in range(len(s)):
-                    N[s[i]] += 1
-                    V[s[i]] += (G[i] - V[s[i]]) / (N[s[i]] + 1)
-                return V
-            """,
+            {"/ N[s[i]]": "/ (N[s[i]] + 1)"},
             "the first guess counts as one of the returns: the first visit needs the step size 1, not 1/2",
         ),
         Wrong(
@@ -576,17 +520,7 @@ Exercise(
             """,
             "a constant step size never forgets the first guess altogether; here it is 1 / N",
         ),
-        Wrong(
-            """
-            def averages(V, s, G):
-                V, N = V.copy(), np.zeros(len(V))
-                for i in range(len(s)):
-                    N[s[i]] += 1
-                    V[s[i]] += G[i] / N[s[i]]
-                return V
-            """,
-            "the old value is not subtracted: the step goes from V(s) towards G",
-        ),
+        Wrong({" - V[s[i]]": ""}, "the old value is not subtracted: the step goes from V(s) towards G"),
     ),
     minutes=6,
     covers=("eq-18", "alg-constant-alpha-mc"),
@@ -948,12 +882,7 @@ Exercise(
             "the random action is drawn among the others only: epsilon is shared by all actions, the best among them",
         ),
         Wrong(
-            """
-            def expected_target(q_next, r, gamma, epsilon):
-                best = q_next == q_next.max()
-                p = (1 - epsilon) * best / best.sum() + epsilon / len(q_next)
-                return p, r + gamma * q_next.max()
-            """,
+            {"    target = r + gamma * p @ q_next\n": "", "p, target": "p, r + gamma * q_next.max()"},
             "the target is that of Q-learning: weigh the values with the probabilities",
         ),
     ),
@@ -972,22 +901,6 @@ def _cliff(n_rows, n_cols):
             outcomes[s, a] = [(1.0, start, -100.0) if start < s_next < goal else (1.0, s_next, -1.0)]
     return FiniteMDP.from_outcomes(outcomes, start=start)
 
-
-CLIFF = """
-            def cliff(n_rows, n_cols):
-                start, goal = (n_rows - 1) * n_cols, n_rows * n_cols - 1
-                outcomes = {}
-                for s in range(goal):
-                    for a, (down, right) in enumerate([(-1, 0), (1, 0), (0, 1), (0, -1)]):
-                        row = min(max(s // n_cols + down, 0), n_rows - 1)
-                        col = min(max(s % n_cols + right, 0), n_cols - 1)
-                        s_next = row * n_cols + col
-                        r = -1
-                        if start < s_next < goal:
-                            s_next, r = start, -100
-                        outcomes[s, a] = [(1, s_next, r)]
-                return FiniteMDP.from_outcomes(outcomes, start=start)
-"""
 
 Exercise(
     id="ch04-build-cliff",
@@ -1013,26 +926,40 @@ Exercise(
         "For `s` in `range(goal)`: row `s // n_cols`, column `s % n_cols`; clip both after the move.",
         "The cliff is `start < s_next < goal`; there the outcome is `(1, start, -100)`.",
     ),
-    solution=CLIFF,
+    solution="""
+        def cliff(n_rows, n_cols):
+            start, goal = (n_rows - 1) * n_cols, n_rows * n_cols - 1
+            outcomes = {}
+            for s in range(goal):
+                for a, (down, right) in enumerate([(-1, 0), (1, 0), (0, 1), (0, -1)]):
+                    row = min(max(s // n_cols + down, 0), n_rows - 1)
+                    col = min(max(s % n_cols + right, 0), n_cols - 1)
+                    s_next = row * n_cols + col
+                    r = -1
+                    if start < s_next < goal:
+                        s_next, r = start, -100
+                    outcomes[s, a] = [(1, s_next, r)]
+            return FiniteMDP.from_outcomes(outcomes, start=start)
+    """,
     wrong=(
         Wrong(
-            CLIFF.replace("s_next, r = start, -100", "s_next, r = goal, -100"),
+            {"s_next, r = start, -100": "s_next, r = goal, -100"},
             "a fall ends the episode: it should lead back to the start, and the episode goes on",
         ),
         Wrong(
-            CLIFF.replace("s_next, r = start, -100", "r = -100"),
+            {"s_next, r = start, -100": "r = -100"},
             "after a fall the agent stands in the cliff: it should be back at the start",
         ),
         Wrong(
-            CLIFF.replace("s_next, r = start, -100", "s_next, r = start, -101"),
+            {"s_next, r = start, -100": "s_next, r = start, -101"},
             "a fall costs 101: the 100 replaces the cost of the step, it is not added to it",
         ),
         Wrong(
-            CLIFF.replace("min(max(s % n_cols + right, 0), n_cols - 1)", "(s % n_cols + right) % n_cols"),
+            {"min(max(s % n_cols + right, 0), n_cols - 1)": "(s % n_cols + right) % n_cols"},
             "a move against the left or right border comes out on the other side: it should stay where it is",
         ),
         Wrong(
-            CLIFF.replace("(-1, 0), (1, 0), (0, 1), (0, -1)", "(-1, 0), (0, 1), (1, 0), (0, -1)"),
+            {"(-1, 0), (1, 0), (0, 1), (0, -1)": "(-1, 0), (0, 1), (1, 0), (0, -1)"},
             "the actions are in another order: 0 up, 1 down, 2 right, 3 left",
         ),
     ),
@@ -1118,15 +1045,6 @@ def _sarsa_path(alpha):
     return len(rollout(mdp, greedy(Q), 100, rng=np.random.default_rng(0)).rewards)
 
 
-PATH = """
-            mdp, steps = cliff_walking(), []
-            for alpha in (0.1, 0.5):
-                run = sarsa(mdp, 1.0, 2000, alpha=alpha, epsilon=0.1, rng=np.random.default_rng(1))
-                Q = run.history[-1000:].mean(axis=0)
-                steps.append(len(rollout(mdp, greedy(Q), 100, rng=np.random.default_rng(0)).rewards))
-            verdict_path = ("refuted" if min(steps) < 17 else "confirmed", *steps)
-"""
-
 Exercise(
     id="ch04-claim-safest-path",
     kind="experiment",
@@ -1152,7 +1070,14 @@ Exercise(
         "`run.history` is `(episodes + 1, S, A)`: `run.history[-1000:].mean(axis=0)` is the averaged table.",
         "`len(rollout(mdp, greedy(Q), 100, rng=rng).rewards)` counts the steps to the goal: the rollout ends there.",
     ),
-    solution=PATH,
+    solution="""
+        mdp, steps = cliff_walking(), []
+        for alpha in (0.1, 0.5):
+            run = sarsa(mdp, 1.0, 2000, alpha=alpha, epsilon=0.1, rng=np.random.default_rng(1))
+            Q = run.history[-1000:].mean(axis=0)
+            steps.append(len(rollout(mdp, greedy(Q), 100, rng=np.random.default_rng(0)).rewards))
+        verdict_path = ("refuted" if min(steps) < 17 else "confirmed", *steps)
+    """,
     wrong=(
         Wrong(
             "verdict_path = ('confirmed', 17, 17)",

@@ -163,14 +163,7 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def n_step(rewards, values, gamma, n, t):
-                h = min(t + n, len(rewards))
-                G = values[min(h, len(values) - 1)]
-                for k in reversed(range(t, h)):
-                    G = rewards[k] + gamma * G
-                return float(G)
-            """,
+            {"values[h] if h < len(rewards) else 0.0": "values[min(h, len(values) - 1)]"},
             "at the end of the episode it bootstraps from the last state: nothing follows the end, start with 0 there",
         ),
         Wrong(
@@ -192,24 +185,14 @@ Exercise(
             "the value at the horizon is n steps away: its factor is gamma to the power n",
         ),
         Wrong(
-            """
-            def n_step(rewards, values, gamma, n, t):
-                G = 0.0
-                for k in reversed(range(t, len(rewards))):
-                    G = rewards[k] + gamma * G
-                return float(G)
-            """,
+            {
+                "h = min(t + n, len(rewards))\n    G = values[h] if h < len(rewards) else 0.0": "G = 0.0",
+                "range(t, h)": "range(t, len(rewards))",
+            },
             "this is always the complete return: stop after n rewards and use the value of the state reached",
         ),
         Wrong(
-            """
-            def n_step(rewards, values, gamma, n, t):
-                h = min(t + n, len(rewards))
-                G = 0.0
-                for k in reversed(range(t, h)):
-                    G = rewards[k] + gamma * G
-                return float(G)
-            """,
+            {"values[h] if h < len(rewards) else 0.0": "0.0"},
             "the value at the horizon is missing: after n rewards comes gamma to the power n times V",
         ),
     ),
@@ -403,22 +386,6 @@ def _episode(rng, S, T):
     return dict(V=V, states=states, rewards=rng.normal(size=T).round(1))
 
 
-VIEWS = """
-            def both_views(V, states, rewards, gamma, lam, alpha):
-                T, values = len(rewards), V[states]
-                forward, backward = np.zeros((T, len(V))), np.zeros((T, len(V)))
-                L, e = 0.0, np.zeros(len(V))
-                for t in reversed(range(T)):
-                    L = rewards[t] + gamma * ((1 - lam) * values[t + 1] + lam * L)
-                    forward[t, states[t]] = alpha * (L - values[t])
-                for t in range(T):
-                    e *= gamma * lam
-                    e[states[t]] += 1
-                    delta = rewards[t] + gamma * values[t + 1] - values[t]
-                    backward[t] = alpha * delta * e
-                return forward, backward
-"""
-
 Exercise(
     id="ch05-both-views",
     kind="fill in",
@@ -450,30 +417,41 @@ Exercise(
         "In a step of the backward view: decay all traces by `gamma * lam`, add 1 to that of `states[t]`, then multiply by the TD error.",
         r"On paper: $L_t - V(S_t) = \sum_k (\gamma \lambda)^k \delta_{t+k}$. Forward collects the later errors of a visit, backward hands each error to the earlier visits.",
     ),
-    solution=VIEWS,
+    solution="""
+        def both_views(V, states, rewards, gamma, lam, alpha):
+            T, values = len(rewards), V[states]
+            forward, backward = np.zeros((T, len(V))), np.zeros((T, len(V)))
+            L, e = 0.0, np.zeros(len(V))
+            for t in reversed(range(T)):
+                L = rewards[t] + gamma * ((1 - lam) * values[t + 1] + lam * L)
+                forward[t, states[t]] = alpha * (L - values[t])
+            for t in range(T):
+                e *= gamma * lam
+                e[states[t]] += 1
+                delta = rewards[t] + gamma * values[t + 1] - values[t]
+                backward[t] = alpha * delta * e
+            return forward, backward
+    """,
     wrong=(
         Wrong(
-            VIEWS.replace("e[states[t]] += 1", "e[states[t]] = 1"),
+            {"e[states[t]] += 1": "e[states[t]] = 1"},
             "these traces are replacing: where a state comes back, forward and backward differ",
         ),
         Wrong(
-            VIEWS.replace("e *= gamma * lam", "e = e * lam"),
+            {"e *= gamma * lam": "e = e * lam"},
             "the traces decay by lambda alone: an error k steps later counts gamma lambda to the power k",
         ),
         Wrong(
-            VIEWS.replace("((1 - lam) * values[t + 1] + lam * L)", "L"),
+            {"((1 - lam) * values[t + 1] + lam * L)": "L"},
             "forward holds complete returns, lambda = 1: mix in the values of the next states",
         ),
         Wrong(
-            VIEWS.replace("values[t + 1] - values[t]\n", "(values[t + 1] - values[t])\n"),
+            {"values[t + 1] - values[t]\n": "(values[t + 1] - values[t])\n"},
             "the TD error discounts V(S_t), too: gamma belongs to the next value alone",
         ),
+        Wrong({"return forward, backward": "return backward, forward"}, "the two arrays are swapped: forward first"),
         Wrong(
-            VIEWS.replace("return forward, backward", "return backward, forward"),
-            "the two arrays are swapped: forward first",
-        ),
-        Wrong(
-            VIEWS.replace("backward[t] = alpha * delta * e", "backward[t, states[t]] = alpha * delta * e[states[t]]"),
+            {"backward[t] = alpha * delta * e": "backward[t, states[t]] = alpha * delta * e[states[t]]"},
             "each error changes one state only: in the backward view it changes every state that has a trace",
         ),
     ),
@@ -560,29 +538,14 @@ Exercise(
             "the action of step t still decides after its own error: what comes after step t depends on the action of step t + 1",
         ),
         Wrong(
-            """
-            def credit(Q, s, a, delta, decay):
-                E, total = np.zeros_like(Q), np.zeros_like(Q)
-                for t in range(len(a)):
-                    E *= decay
-                    E[s[t], a[t]] += 1
-                    total += delta[t] * E
-                return total
-            """,
+            {"greedy = Q[s[t], a[t]] == Q[s[t]].max()\n        E *= decay if greedy else 0.0": "E *= decay"},
             "nothing is cut any more: this is the credit of SARSA(lambda)",
         ),
         Wrong(
-            """
-            def credit(Q, s, a, delta, decay):
-                E, total = np.zeros_like(Q), np.zeros_like(Q)
-                for t in range(len(a)):
-                    E *= decay
-                    if Q[s[t], a[t]] < Q[s[t]].max():
-                        E[s[t], a[t]] = 0.0
-                    E[s[t], a[t]] += 1
-                    total += delta[t] * E
-                return total
-            """,
+            {
+                "greedy = Q[s[t], a[t]] == Q[s[t]].max()": "E *= decay",
+                "E *= decay if greedy else 0.0": "if Q[s[t], a[t]] < Q[s[t]].max():\n            E[s[t], a[t]] = 0.0",
+            },
             "only the trace of the exploratory pair is reset, as the document says in one place: all traces are",
         ),
         Wrong(
@@ -643,10 +606,7 @@ Exercise(
             "the error of the exploratory action itself is not credited: the trace is 0 from t + 6 on",
         ),
         Wrong("factors = 0.9 ** np.arange(8)", "the traces are cut when the exploratory action comes, at t + 6"),
-        Wrong(
-            "factors = np.append(0.9 ** np.arange(1, 7), [0, 0])",
-            "the error of the visit itself counts in full: the first factor is 1",
-        ),
+        Wrong({"arange(6)": "arange(1, 7)"}, "the error of the visit itself counts in full: the first factor is 1"),
     ),
     minutes=4,
     covers=("ex-trace-example", "cl-079", "cl-080"),
@@ -713,55 +673,22 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def stream(V, s, r, s_next, starts, gamma, lam, alpha):
-                V, e = V.copy(), np.zeros(len(V))
-                for i in range(len(s)):
-                    e = gamma * lam * e
-                    e[s[i]] += 1
-                    V += alpha * (r[i] + gamma * V[s_next[i]] - V[s[i]]) * e
-                return V
-            """,
+            {"if starts[i]:\n            e[:] = 0.0\n        e *= gamma * lam": "e = gamma * lam * e"},
             "the traces still live on into the next episode: its errors have nothing to do with earlier episodes",
         ),
         Wrong(
-            """
-            def stream(V, s, r, s_next, starts, gamma, lam, alpha):
-                V, e = V.copy(), np.zeros(len(V))
-                for i in range(len(s)):
-                    e *= gamma * lam
-                    e[s[i]] += 1
-                    if starts[i]:
-                        e[:] = 0.0
-                    V += alpha * (r[i] + gamma * V[s_next[i]] - V[s[i]]) * e
-                return V
-            """,
+            {
+                "        if starts[i]:\n            e[:] = 0.0\n": "",
+                "e[s[i]] += 1": "e[s[i]] += 1\n        if starts[i]:\n            e[:] = 0.0",
+            },
             "the reset comes after the bump: the first state of each episode loses its own trace",
         ),
         Wrong(
-            """
-            def stream(V, s, r, s_next, starts, gamma, lam, alpha):
-                V, e = V.copy(), np.zeros(len(V))
-                for i in range(len(s)):
-                    e[:] = 0.0
-                    e[s[i]] += 1
-                    V += alpha * (r[i] + gamma * V[s_next[i]] - V[s[i]]) * e
-                return V
-            """,
+            {"if starts[i]:\n            e[:] = 0.0\n        e *= gamma * lam": "e[:] = 0.0"},
             "the traces are reset at every step: this is TD(0)",
         ),
         Wrong(
-            """
-            def stream(V, s, r, s_next, starts, gamma, lam, alpha):
-                V, e = V.copy(), np.zeros(len(V))
-                for i in range(len(s)):
-                    if starts[i]:
-                        e[s[i]] = 0.0
-                    e *= gamma * lam
-                    e[s[i]] += 1
-                    V += alpha * (r[i] + gamma * V[s_next[i]] - V[s[i]]) * e
-                return V
-            """,
+            {"e[:]": "e[s[i]]"},
             "only the trace of the first state is reset: all traces must be 0 when an episode starts",
         ),
     ),
@@ -814,40 +741,12 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def episode(V, states, rewards, gamma, lam, alpha):
-                V, e = V.copy(), np.zeros(len(V))
-                for t in range(len(rewards)):
-                    delta = rewards[t] + gamma * V[states[t + 1]] - V[states[t]]
-                    e[states[t]] += 1
-                    e = gamma * lam * e
-                    V += alpha * delta * e
-                return V
-            """,
+            {"        e *= gamma * lam\n": "", "e[states[t]] += 1": "e[states[t]] += 1\n        e = gamma * lam * e"},
             "the newest visit is still decayed before the error is credited: decay comes before the bump, or after the update",
         ),
+        Wrong({"        e *= gamma * lam\n": ""}, "the decay is gone: traces must shrink by gamma lambda at each step"),
         Wrong(
-            """
-            def episode(V, states, rewards, gamma, lam, alpha):
-                V, e = V.copy(), np.zeros(len(V))
-                for t in range(len(rewards)):
-                    delta = rewards[t] + gamma * V[states[t + 1]] - V[states[t]]
-                    e[states[t]] += 1
-                    V += alpha * delta * e
-                return V
-            """,
-            "the decay is gone: traces must shrink by gamma lambda at each step",
-        ),
-        Wrong(
-            """
-            def episode(V, states, rewards, gamma, lam, alpha):
-                V, e = V.copy(), np.zeros(len(V))
-                for t in range(len(rewards)):
-                    delta = rewards[t] + gamma * V[states[t + 1]] - V[states[t]]
-                    e[states[t]] = gamma * lam * e[states[t]] + 1
-                    V += alpha * delta * e
-                return V
-            """,
+            {"e *= gamma * lam\n        e[states[t]] += 1": "e[states[t]] = gamma * lam * e[states[t]] + 1"},
             "only the trace of the visited state decays: the others must shrink, too",
         ),
         Wrong(
@@ -908,49 +807,23 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def dutch(E, s, a, alpha, decay):
-                E = E * decay * (1 - alpha)
-                E[s, a] = E[s, a] + 1
-                return E
-            """,
+            {"decay * E": "E * decay * (1 - alpha)", "(1 - alpha) * E[s, a]": "E[s, a]"},
             "all pairs are still shrunk by 1 - alpha: that belongs to the visited pair",
         ),
         Wrong(
-            """
-            def dutch(E, s, a, alpha, decay):
-                E = decay * E
-                E[s, a] += 1
-                return E
-            """,
+            {"= (1 - alpha) * E[s, a] + 1": "+= 1"},
             "this trace accumulates: the visited pair keeps only 1 - alpha of its old trace",
         ),
         Wrong(
-            """
-            def dutch(E, s, a, alpha, decay):
-                E = decay * E
-                E[s, a] = 1
-                return E
-            """,
+            {"(1 - alpha) * E[s, a] + 1": "1"},
             "this trace is replacing: the visited pair keeps 1 - alpha of its old trace",
         ),
+        Wrong({"E[s, a] + 1": "(E[s, a] + 1)"}, "the 1 is shrunk, too: first shrink what is old, then add 1"),
         Wrong(
-            """
-            def dutch(E, s, a, alpha, decay):
-                E = decay * E
-                E[s, a] = (1 - alpha) * (E[s, a] + 1)
-                return E
-            """,
-            "the 1 is shrunk, too: first shrink what is old, then add 1",
-        ),
-        Wrong(
-            """
-            def dutch(E, s, a, alpha, decay):
-                kept = decay * E[s, a]
-                E = (1 - alpha) * decay * E
-                E[s, a] = kept + 1
-                return E
-            """,
+            {
+                "E = decay * E": "kept = decay * E[s, a]\n    E = (1 - alpha) * decay * E",
+                "(1 - alpha) * E[s, a]": "kept",
+            },
             "it is the other way round: the visited pair is shrunk by 1 - alpha, the others are not",
         ),
     ),
@@ -976,33 +849,15 @@ Exercise(
     ),
     solution="news = 0.1 * np.array([0.0, 0.5, 1.0]) ** 9",
     wrong=(
-        Wrong("news = np.array([0.0, 0.5, 1.0]) ** 9", "the step size is missing: these are the traces"),
-        Wrong(
-            "news = 0.1 * np.array([0.0, 0.5, 1.0]) ** 10",
-            "one decay too many: between the visits of cell 0 and cell 9 lie nine steps",
-        ),
-        Wrong(
-            "news = 0.1 * np.array([1.0, 0.5, 1.0]) ** 9",
-            "with lambda = 0 the error reaches the last cell only: cell 0 learns nothing",
-        ),
-        Wrong(
-            "news = 0.1 * np.array([0.0, 0.5, 1.0])",
-            "the trace decays at each of the nine steps, not once",
-        ),
+        Wrong({"0.1 * ": ""}, "the step size is missing: these are the traces"),
+        Wrong({"** 9": "** 10"}, "one decay too many: between the visits of cell 0 and cell 9 lie nine steps"),
+        Wrong({"0.0": "1.0"}, "with lambda = 0 the error reaches the last cell only: cell 0 learns nothing"),
+        Wrong({" ** 9": ""}, "the trace decays at each of the nine steps, not once"),
     ),
     minutes=3,
     covers=("alg-td-lambda-acc", "eq-34", "cl-061"),
 )
 
-
-WALK = """
-            def walk(n):
-                outcomes = {}
-                for s in range(1, n + 1):
-                    left, right = -1.0 * (s == 1), 1.0 * (s == n)
-                    outcomes[s, 0] = [(0.5, s - 1, left), (0.5, s + 1, right)]
-                return FiniteMDP.from_outcomes(outcomes, start=(n + 1) // 2)
-"""
 
 Exercise(
     id="ch05-build-walk",
@@ -1025,25 +880,29 @@ Exercise(
         "`outcomes[s, 0]` is a list of two outcomes `(probability, s_next, reward)`, for `s` from 1 to `n`.",
         "The reward of a step to the left is -1 if `s == 1`, that of a step to the right 1 if `s == n`; the middle is `(n + 1) // 2`.",
     ),
-    solution=WALK,
+    solution="""
+        def walk(n):
+            outcomes = {}
+            for s in range(1, n + 1):
+                left, right = -1.0 * (s == 1), 1.0 * (s == n)
+                outcomes[s, 0] = [(0.5, s - 1, left), (0.5, s + 1, right)]
+            return FiniteMDP.from_outcomes(outcomes, start=(n + 1) // 2)
+    """,
     wrong=(
-        Wrong(WALK.replace("-1.0 * (s == 1)", "0.0"), "the left end pays nothing: on this walk it pays -1"),
-        Wrong(WALK.replace("start=(n + 1) // 2", "start=1"), "episodes start beside the left end: start in the middle"),
+        Wrong({"-1.0 * (s == 1)": "0.0"}, "the left end pays nothing: on this walk it pays -1"),
+        Wrong({"start=(n + 1) // 2": "start=1"}, "episodes start beside the left end: start in the middle"),
         Wrong(
-            WALK.replace(
-                "(0.5, s - 1, left), (0.5, s + 1, right)", "(0.5, s - 1, left + right), (0.5, s + 1, left + right)"
-            ),
+            {"(0.5, s - 1, left), (0.5, s + 1, right)": "(0.5, s - 1, left + right), (0.5, s + 1, left + right)"},
             "beside an end both steps pay: only the step that enters the end does",
         ),
         Wrong(
-            WALK.replace(
-                "outcomes[s, 0] = [(0.5, s - 1, left), (0.5, s + 1, right)]",
-                "outcomes[s, 0], outcomes[s, 1] = [(1, s - 1, left)], [(1, s + 1, right)]",
-            ),
+            {
+                "outcomes[s, 0] = [(0.5, s - 1, left), (0.5, s + 1, right)]": "outcomes[s, 0], outcomes[s, 1] = [(1, s - 1, left)], [(1, s + 1, right)]"
+            },
             "two actions: this walk has one, whose outcome is left or right by chance",
         ),
         Wrong(
-            WALK.replace("-1.0 * (s == 1), 1.0", "1.0 * (s == 1), -1.0"),
+            {"-1.0 * (s == 1), 1.0": "1.0 * (s == 1), -1.0"},
             "the rewards of the two ends are swapped: -1 left, 1 right",
         ),
     ),
@@ -1058,17 +917,6 @@ def _refutation():
     v = np.array([0, *np.linalg.solve(np.eye(5) - 0.45 * (np.eye(5, k=1) + np.eye(5, k=-1)), [0, 0, 0, 0, 0.5]), 0])
     return tuple(error_reduction(mdp, pi, v, 2, 0.9, printed=printed)[0] for printed in (True, False))
 
-
-CONTRACTION = """
-            mdp = random_walk(5)
-            pi = uniform_policy(mdp)
-            v_pi = solve_policy(mdp, pi, 0.9)
-            P, r = policy_matrix(mdp, pi)
-            two_rewards = r + 0.9 * P @ r
-            printed = float(np.abs(two_rewards + 0.81 * P @ v_pi - v_pi).max())
-            right = float(np.abs(two_rewards + 0.81 * P @ P @ v_pi - v_pi).max())
-            verdict_contraction = ("refuted" if printed > 1e-9 else "confirmed", printed, right)
-"""
 
 Exercise(
     id="ch05-claim-error-reduction",
@@ -1092,24 +940,30 @@ Exercise(
         "`P @ v` holds the expected value of the next state, `P @ P @ v` that of the state after it.",
         "`solve_policy(mdp, pi, 0.9)` is $v_\\pi$. The left-hand side is the largest absolute entry of expected return minus $v_\\pi$.",
     ),
-    solution=CONTRACTION,
+    solution="""
+        mdp = random_walk(5)
+        pi = uniform_policy(mdp)
+        v_pi = solve_policy(mdp, pi, 0.9)
+        P, r = policy_matrix(mdp, pi)
+        two_rewards = r + 0.9 * P @ r
+        printed = float(np.abs(two_rewards + 0.81 * P @ v_pi - v_pi).max())
+        right = float(np.abs(two_rewards + 0.81 * P @ P @ v_pi - v_pi).max())
+        verdict_contraction = ("refuted" if printed > 1e-9 else "confirmed", printed, right)
+    """,
     wrong=(
         Wrong(
-            CONTRACTION.replace("printed, right)", "right, printed)"),
+            {"printed, right)": "right, printed)"},
             "the two numbers are swapped: first the printed form, with the state S_{t+1}",
         ),
         Wrong(
-            CONTRACTION.replace('"refuted" if printed > 1e-9 else "confirmed"', '"confirmed"'),
+            {'"refuted" if printed > 1e-9 else "confirmed"': '"confirmed"'},
             "the numbers are right, and the first is larger than the right-hand side 0: the printed form does not hold",
         ),
         Wrong(
-            CONTRACTION.replace("0.81", "0.9"),
+            {"0.81 * P @ v_pi": "0.9 * P @ v_pi", "0.81 * P @ P": "0.9 * P @ P"},
             "after two rewards the value is discounted twice: gamma squared",
         ),
-        Wrong(
-            CONTRACTION.replace("r + 0.9 * P @ r", "r"),
-            "the second reward is missing: the two-step return holds two rewards",
-        ),
+        Wrong({"r + 0.9 * P @ r": "r"}, "the second reward is missing: the two-step return holds two rewards"),
     ),
     minutes=12,
     covers=("eq-30", "alg-error-reduction", "cl-065"),
@@ -1125,15 +979,6 @@ def _errors(alpha=0.05):
         errors.append(float(np.mean([walk_error(run.V, truth) for run in runs])))
     return errors
 
-
-MEMORY = """
-            mdp, truth, errors = random_walk(19), np.arange(1, 20) / 10 - 1, []
-            for lam in (0.0, 0.9, 1.0):
-                settings = dict(alpha=0.05, n_runs=10, rng=np.random.default_rng(0))
-                runs = repeat(td_lambda, mdp, uniform_policy(mdp), 1.0, lam, 10, **settings)
-                errors.append(float(np.mean([walk_error(run.V, truth) for run in runs])))
-            verdict_memory = ("confirmed" if errors[0] > errors[1] > errors[2] else "refuted", *errors)
-"""
 
 Exercise(
     id="ch05-claim-memory",
@@ -1158,28 +1003,30 @@ Exercise(
         "`repeat(td_lambda, mdp, pi, 1.0, lam, 10, alpha=0.05, n_runs=10, rng=np.random.default_rng(0))` gives a list of ten runs.",
         "Average `walk_error(run.V, truth)` over the runs, once for each lambda.",
     ),
-    solution=MEMORY,
+    solution="""
+        mdp, truth, errors = random_walk(19), np.arange(1, 20) / 10 - 1, []
+        for lam in (0.0, 0.9, 1.0):
+            settings = dict(alpha=0.05, n_runs=10, rng=np.random.default_rng(0))
+            runs = repeat(td_lambda, mdp, uniform_policy(mdp), 1.0, lam, 10, **settings)
+            errors.append(float(np.mean([walk_error(run.V, truth) for run in runs])))
+        verdict_memory = ("confirmed" if errors[0] > errors[1] > errors[2] else "refuted", *errors)
+    """,
     wrong=(
         Wrong(
-            MEMORY.replace('"confirmed" if errors[0] > errors[1] > errors[2] else "refuted"', '"confirmed"'),
+            {'"confirmed" if errors[0] > errors[1] > errors[2] else "refuted"': '"confirmed"'},
             "the errors are right, but the last one is larger than the second: with lambda = 1 the returns of long walks vary too much",
         ),
+        Wrong({"(0.0, 0.9, 1.0)": "(1.0, 0.9, 0.0)"}, "the order is turned round: lambda = 0 first"),
         Wrong(
-            MEMORY.replace("(0.0, 0.9, 1.0)", "(1.0, 0.9, 0.0)"),
-            "the order is turned round: lambda = 0 first",
-        ),
-        Wrong(
-            MEMORY.replace("alpha=0.05, n_runs=10", "alpha=0.05, n_runs=1"),
+            {"alpha=0.05, n_runs=10": "alpha=0.05, n_runs=1"},
             "this is a single run for each lambda: use ten, one run is an anecdote",
         ),
         Wrong(
-            MEMORY.replace("np.random.default_rng(0)", "rng").replace(
-                "for lam", "rng = np.random.default_rng(0)\n            for lam"
-            ),
+            {"for lam": "rng = np.random.default_rng(0)\nfor lam", "rng=np.random.default_rng(0)": "rng=rng"},
             "one generator serves all three: make a new one for each lambda, so that the three start alike",
         ),
         Wrong(
-            MEMORY.replace("alpha=0.05", 'alpha=0.05, trace="replacing"'),
+            {"alpha=0.05": 'alpha=0.05, trace="replacing"'},
             "these traces are replacing; the default, accumulating, is asked for",
         ),
     ),

@@ -127,10 +127,7 @@ Exercise(
     hints=(r"The sigmoid is one half where its argument is 0.", "Solve $w x + b = 0$ for $x$."),
     solution="positions = -np.array([-5, -20, -20, 20]) / np.array([30, 30, 110, -50])",
     wrong=(
-        Wrong(
-            "positions = np.array([-5, -20, -20, 20]) / np.array([30, 30, 110, -50])",
-            "the sign is wrong: w x + b = 0 gives x = -b / w",
-        ),
+        Wrong({"-np": "np"}, "the sign is wrong: w x + b = 0 gives x = -b / w"),
         Wrong(
             "positions = -np.array([30, 30, 110, -50]) / np.array([-5, -20, -20, 20])",
             "the fraction is upside down: a larger weight brings the step nearer to 0",
@@ -182,46 +179,19 @@ Exercise(
             return sigmoid(x @ w.T + b)
     """,
     wrong=(
+        Wrong({"sigmoid(x @ w.T + b)": "x @ w.T + b"}, "these are the weighted inputs z: the sigmoid is missing"),
+        Wrong({" + b": ""}, "the bias is missing"),
         Wrong(
-            """
-            def layer(w, b, x):
-                return x @ w.T + b
-            """,
-            "these are the weighted inputs z: the sigmoid is missing",
-        ),
-        Wrong(
-            """
-            def layer(w, b, x):
-                return sigmoid(x @ w.T)
-            """,
-            "the bias is missing",
-        ),
-        Wrong(
-            """
-            def layer(w, b, x):
-                return sigmoid(x @ w.T) + b
-            """,
+            {"sigmoid(x @ w.T + b)": "sigmoid(x @ w.T) + b"},
             "the bias is added after the sigmoid: it belongs to the weighted input",
         ),
+        Wrong({"+ b": "- b"}, "the bias is added, not subtracted: it is minus the threshold"),
         Wrong(
-            """
-            def layer(w, b, x):
-                return sigmoid(x @ w.T - b)
-            """,
-            "the bias is added, not subtracted: it is minus the threshold",
-        ),
-        Wrong(
-            """
-            def layer(w, b, x):
-                return sigmoid(w @ x.T + b[:, None])
-            """,
+            {"x @ w.T + b": "w @ x.T + b[:, None]"},
             "the result lies on its side: a sample a row, so its shape is (B, m)",
         ),
         Wrong(
-            """
-            def layer(w, b, x):
-                return sigmoid(x[:, None] * w).sum(axis=2) + b
-            """,
+            {"sigmoid(x @ w.T + b)": "sigmoid(x[:, None] * w).sum(axis=2) + b"},
             "the sigmoid is taken of each product: first add up, then take the sigmoid once",
         ),
     ),
@@ -266,14 +236,7 @@ Exercise(
             return (a - y) * a * (1 - a)
     """,
     wrong=(
-        Wrong(
-            """
-            def output_error(z, y):
-                a = sigmoid(z)
-                return (y - a) * a * (1 - a)
-            """,
-            "the sign is turned round: the derivative of the cost with respect to a is a - y",
-        ),
+        Wrong({"a - y": "y - a"}, "the sign is turned round: the derivative of the cost with respect to a is a - y"),
         Wrong(
             """
             def output_error(z, y):
@@ -282,28 +245,12 @@ Exercise(
             "the slope of the sigmoid is missing: this is the derivative with respect to a, not to z",
         ),
         Wrong(
-            """
-            def output_error(z, y):
-                a = sigmoid(z)
-                s = sigmoid(a)
-                return (a - y) * s * (1 - s)
-            """,
+            {"return (a - y) * a * (1 - a)": "s = sigmoid(a)\n    return (a - y) * s * (1 - s)"},
             "the slope is taken at a: the sigmoid is applied twice",
         ),
+        Wrong({"a * (1 - a)": "z * (1 - z)"}, "z (1 - z) is not the slope: it is a (1 - a) with a = sigmoid(z)"),
         Wrong(
-            """
-            def output_error(z, y):
-                a = sigmoid(z)
-                return (a - y) * z * (1 - z)
-            """,
-            "z (1 - z) is not the slope: it is a (1 - a) with a = sigmoid(z)",
-        ),
-        Wrong(
-            """
-            def output_error(z, y):
-                a = sigmoid(z)
-                return 2 * (a - y) * a * (1 - a)
-            """,
+            {"(a - y)": "2 * (a - y)"},
             "twice too large: the cost has a factor 1/2, which takes away the 2 of the square",
         ),
     ),
@@ -348,45 +295,20 @@ Exercise(
             return w.T @ delta * a * (1 - a)
     """,
     wrong=(
+        Wrong({"w.T": "w"}, "the transpose is missing: this sends the errors forward through the weights"),
         Wrong(
-            """
-            def hidden_error(w, delta, z):
-                a = sigmoid(z)
-                return w @ delta * a * (1 - a)
-            """,
-            "the transpose is missing: this sends the errors forward through the weights",
-        ),
-        Wrong(
-            """
-            def hidden_error(w, delta, z):
-                return w.T @ delta
-            """,
+            {"    a = sigmoid(z)\n": "", " * a * (1 - a)": ""},
             "the slope of the hidden neurons is missing: this is the derivative with respect to their activations",
         ),
         Wrong(
-            """
-            def hidden_error(w, delta, z):
-                s = sigmoid(sigmoid(z))
-                return w.T @ delta * s * (1 - s)
-            """,
+            {"a = sigmoid(z)": "s = sigmoid(sigmoid(z))", "a * (1 - a)": "s * (1 - s)"},
             "the slope is taken at a, not at z: the sigmoid is applied twice",
         ),
         Wrong(
-            """
-            def hidden_error(w, delta, z):
-                a = sigmoid(z)
-                return w.T @ (delta * a * (1 - a))
-            """,
+            {"delta * a * (1 - a)": "(delta * a * (1 - a))"},
             "the slope is applied before the weights: it belongs to the layer that receives the error",
         ),
-        Wrong(
-            """
-            def hidden_error(w, delta, z):
-                a = sigmoid(z)
-                return w.T @ delta * a
-            """,
-            "the slope of the sigmoid is a (1 - a): the second factor is missing",
-        ),
+        Wrong({" * (1 - a)": ""}, "the slope of the sigmoid is a (1 - a): the second factor is missing"),
     ),
     minutes=6,
     covers=("eq-nn-35", "alg-backprop"),
@@ -420,31 +342,13 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def bias_gradient(delta):
-                return delta.sum(axis=0)
-            """,
+            {"mean": "sum"},
             "this is the sum over the samples: with twice as many samples the step would be twice as large; take the mean",
         ),
+        Wrong({"axis=0": "axis=1"}, "this averages over the neurons: each neuron has a bias of its own"),
+        Wrong({"delta.mean(axis=0)": "delta[0]"}, "only the first sample counts here: all of them have a say"),
         Wrong(
-            """
-            def bias_gradient(delta):
-                return delta.mean(axis=1)
-            """,
-            "this averages over the neurons: each neuron has a bias of its own",
-        ),
-        Wrong(
-            """
-            def bias_gradient(delta):
-                return delta[0]
-            """,
-            "only the first sample counts here: all of them have a say",
-        ),
-        Wrong(
-            """
-            def bias_gradient(delta):
-                return -delta.mean(axis=0)
-            """,
+            {"delta.mean": "-delta.mean"},
             "this points downhill: the gradient itself is asked for, the minus comes with the step",
         ),
     ),
@@ -480,31 +384,19 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def weight_gradient(delta, a):
-                return np.outer(a, delta)
-            """,
+            {"np.outer(delta, a)": "np.outer(a, delta)"},
             "the table lies on its side: the error numbers the rows, as the neurons of this layer do in w",
         ),
         Wrong(
-            """
-            def weight_gradient(delta, a):
-                return np.outer(delta, np.ones_like(a))
-            """,
+            {"np.outer(delta, a)": "np.outer(delta, np.ones_like(a))"},
             "this is the gradient of the bias, repeated: the activation that enters the weight is missing",
         ),
         Wrong(
-            """
-            def weight_gradient(delta, a):
-                return np.outer(delta, a * (1 - a))
-            """,
+            {"np.outer(delta, a)": "np.outer(delta, a * (1 - a))"},
             "the slope of the layer before does not belong here: its activation itself enters the weight",
         ),
         Wrong(
-            """
-            def weight_gradient(delta, a):
-                return float(delta.sum() * a.sum())
-            """,
+            {"np.outer(delta, a)": "float(delta.sum() * a.sum())"},
             "this adds all the products up: each weight has a derivative of its own",
         ),
     ),
@@ -554,23 +446,22 @@ Exercise(
     solution=BACKPROP,
     wrong=(
         Wrong(
-            BACKPROP.replace("slope(z1)", "slope(a1)"),
+            {"slope(z1)": "slope(a1)"},
             "the output layer is right now; the hidden layer still takes its slope at the activation",
         ),
         Wrong(
-            BACKPROP.replace("slope(z2)", "slope(a2)"),
+            {"slope(z2)": "slope(a2)"},
             "the hidden layer takes its slope at the right place now, the output layer still does not, and its error is passed back",
         ),
         Wrong(
-            BACKPROP.replace(" * slope(z1)", "").replace(" * slope(z2)", ""),
+            {" * slope(z1)": "", " * slope(z2)": ""},
             "without the slopes these are no errors: each neuron's error is the derivative with respect to z",
         ),
         Wrong(
-            BACKPROP.replace("(a2 - y) * slope(z2)", "a2 - y"),
-            "the output layer has lost its slope: with the quadratic cost it stays",
+            {"(a2 - y) * slope(z2)": "a2 - y"}, "the output layer has lost its slope: with the quadratic cost it stays"
         ),
         Wrong(
-            BACKPROP.replace("(a2 - y)", "(y - a2)"),
+            {"(a2 - y)": "(y - a2)"},
             "the slopes are right, but every gradient points downhill: the derivative of the cost is a - y",
         ),
     ),
@@ -623,20 +514,16 @@ Exercise(
     solution=STEP,
     wrong=(
         Wrong(
-            STEP.replace("w2.T @ delta2", "(w2 - lr * np.outer(delta2, a1)).T @ delta2"),
+            {"w2.T @ delta2": "(w2 - lr * np.outer(delta2, a1)).T @ delta2"},
             "the error still passes back through the new weights: compute every gradient before any parameter changes",
         ),
+        Wrong({"* a1 * (1 - a1)": ""}, "the order is right, but the hidden error has lost the slope of its neurons"),
         Wrong(
-            STEP.replace("* a1 * (1 - a1)", ""),
-            "the order is right, but the hidden error has lost the slope of its neurons",
-        ),
-        Wrong(
-            STEP.replace("w1 = w1 -", "w1 = w1 +").replace("b1 = b1 -", "b1 = b1 +"),
+            {"w1 = w1 -": "w1 = w1 +", "b1 = b1 -": "b1 = b1 +"},
             "the first layer climbs: every parameter moves against its gradient",
         ),
         Wrong(
-            STEP.replace("b2 = b2 - lr * delta2", "b2 = b2 * 1.0"),
-            "the biases of the outputs stay as they are: they learn, too",
+            {"b2 = b2 - lr * delta2": "b2 = b2 * 1.0"}, "the biases of the outputs stay as they are: they learn, too"
         ),
     ),
     minutes=6,
@@ -686,21 +573,10 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def numeric_gradient(C, theta, h):
-                rows = h * np.eye(theta.size)
-                return np.array([(C(theta + row) - C(theta)) / h for row in rows])
-            """,
+            {" - row": "", "2 * h": "h"},
             "this is a forward difference, whose error shrinks with h only, not with its square: look to both sides",
         ),
-        Wrong(
-            """
-            def numeric_gradient(C, theta, h):
-                rows = h * np.eye(theta.size)
-                return np.array([(C(theta + row) - C(theta - row)) / h for row in rows])
-            """,
-            "twice too large: the two points are 2h apart",
-        ),
+        Wrong({"2 * h": "h"}, "twice too large: the two points are 2h apart"),
         Wrong(
             """
             def numeric_gradient(C, theta, h):
@@ -709,11 +585,7 @@ Exercise(
             "all parameters are changed at once: a partial derivative changes one and keeps the others",
         ),
         Wrong(
-            """
-            def numeric_gradient(C, theta, h):
-                rows = h * np.eye(theta.size)
-                return np.array([(C(theta - row) - C(theta + row)) / (2 * h) for row in rows])
-            """,
+            {"C(theta + row) - C(theta - row)": "C(theta - row) - C(theta + row)"},
             "the sign is turned round: the value above minus the value below",
         ),
     ),
@@ -758,35 +630,16 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def minibatch_gradient(w, b, x, y):
-                delta = x @ w + b - y
-                return np.append(delta @ x, delta.sum())
-            """,
+            {" / len(x)": ""},
             "this is the sum over the samples: a larger batch would take larger steps; divide by their number",
         ),
+        Wrong({"/ len(x)": "* 2 / len(x)"}, "twice too large: the 1/2 of the cost takes away the 2 of the square"),
         Wrong(
-            """
-            def minibatch_gradient(w, b, x, y):
-                delta = x @ w + b - y
-                return np.append(delta @ x, delta.sum()) * 2 / len(x)
-            """,
-            "twice too large: the 1/2 of the cost takes away the 2 of the square",
-        ),
-        Wrong(
-            """
-            def minibatch_gradient(w, b, x, y):
-                delta = x @ w + b - y
-                return np.append(delta @ x / len(x), delta.sum())
-            """,
+            {"(delta @ x, delta.sum()) / len(x)": "(delta @ x / len(x), delta.sum())"},
             "the weights get the mean, the bias still gets the sum",
         ),
         Wrong(
-            """
-            def minibatch_gradient(w, b, x, y):
-                delta = y - x @ w - b
-                return np.append(delta @ x, delta.sum()) / len(x)
-            """,
+            {"x @ w + b - y": "y - x @ w - b"},
             "this points downhill: the derivative of the cost with respect to the output is a - y",
         ),
         Wrong(
@@ -869,11 +722,7 @@ Exercise(
             "the learning rate enters twice: it multiplies v in the step only",
         ),
         Wrong(
-            """
-            def momentum_step(theta, v, gradient, lr, momentum):
-                v = momentum * v + gradient
-                return theta + lr * v, v
-            """,
+            {"theta = theta - lr * v\n    return theta, v": "return theta + lr * v, v"},
             "this climbs: theta moves against v",
         ),
         Wrong(
@@ -923,19 +772,11 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def logit_gradient(logits, label):
-                p = np.exp(logits - logits.max())
-                return p / p.sum()
-            """,
+            {"p = p / p.sum()\n    p[label] -= 1\n    return p": "return p / p.sum()"},
             "these are the probabilities: subtract 1 from that of the label",
         ),
         Wrong(
-            """
-            def logit_gradient(logits, label):
-                p = np.exp(logits - logits.max())
-                return np.eye(len(p))[label] - p / p.sum()
-            """,
+            {"p = p / p.sum()\n    p[label] -= 1\n    return p": "return np.eye(len(p))[label] - p / p.sum()"},
             "the sign is turned round: the cost falls where the logit of the label grows",
         ),
         Wrong(
@@ -950,21 +791,11 @@ Exercise(
             "right for small logits, but the exponential of 1000 overflows: subtract the largest logit first",
         ),
         Wrong(
-            """
-            def logit_gradient(logits, label):
-                p = np.exp(logits - logits.max())
-                p = p / p.sum()
-                return (p - np.eye(len(p))[label]) * p * (1 - p)
-            """,
+            {"p[label] -= 1\n    return p": "return (p - np.eye(len(p))[label]) * p * (1 - p)"},
             "there is no further slope: softmax and logarithm together leave p minus the desired output",
         ),
         Wrong(
-            """
-            def logit_gradient(logits, label):
-                p = np.exp(logits - logits.max())
-                p = p / p.sum()
-                return -np.eye(len(p))[label] / p[label]
-            """,
+            {"p[label] -= 1\n    return p": "return -np.eye(len(p))[label] / p[label]"},
             "this is the derivative with respect to the probabilities: every logit changes all of them",
         ),
     ),
@@ -991,24 +822,15 @@ Exercise(
     ),
     solution="arrivals = 2 * (1 - np.array([0.1, 0.5, 2, 2.1])) ** 20",
     wrong=(
-        Wrong(
-            "arrivals = 2 * (1 - 2 * np.array([0.1, 0.5, 2, 2.1])) ** 20",
-            "the derivative is v, not 2 v: the 1/2 takes away the 2",
-        ),
-        Wrong(
-            "arrivals = 2 * (1 - np.array([0.1, 0.5, 2, 2.1])) ** 19",
-            "one step too few: after k steps the factor has the power k",
-        ),
-        Wrong(
-            "arrivals = -2 * (1 - np.array([0.1, 0.5, 2, 2.1])) ** 20",
-            "after an even number of steps v is on the side where it began",
-        ),
+        Wrong({"1 - np.array": "1 - 2 * np.array"}, "the derivative is v, not 2 v: the 1/2 takes away the 2"),
+        Wrong({"** 20": "** 19"}, "one step too few: after k steps the factor has the power k"),
+        Wrong({"= 2": "= -2"}, "after an even number of steps v is on the side where it began"),
         Wrong(
             "arrivals = 2 * (1 - 20 * np.array([0.1, 0.5, 2, 2.1]))",
             "the gradient does not stay as it is: each step multiplies v by 1 - epsilon",
         ),
         Wrong(
-            "arrivals = 2 * (1 - np.array([0.1, 0.5, 1, 1])) ** 20",
+            {"2, 2.1": "1, 1"},
             "a step larger than 1 does not stop at the minimum: it goes past it, and above 2 farther than it came from",
         ),
     ),
@@ -1067,14 +889,6 @@ Exercise(
 # ---------------------------------------------------------------------- building networks
 
 
-STOVE = """
-            def pull_back(temperature, pain):
-                x = np.array([temperature, pain])
-                w1, b1 = np.array([[100.0, 0.0], [0.0, 100.0]]), np.array([-50.0, -50.0])
-                w2, b2 = np.array([20.0, 20.0]), -10.0
-                return float(sigmoid(w2 @ sigmoid(w1 @ x + b1) + b2))
-"""
-
 Exercise(
     id="ch06-build-stove",
     kind="build",
@@ -1100,26 +914,32 @@ Exercise(
         "A step at $s$ has the bias $b = -w s$: with $w = 100$ the hidden biases are -50. Each hidden neuron gives the weight 0 to the other input.",
         "The output sees 0, 1 or 2 hidden neurons on. Put its step between 0 and 1: weights 20 and 20, bias -10.",
     ),
-    solution=STOVE,
+    solution="""
+        def pull_back(temperature, pain):
+            x = np.array([temperature, pain])
+            w1, b1 = np.array([[100.0, 0.0], [0.0, 100.0]]), np.array([-50.0, -50.0])
+            w2, b2 = np.array([20.0, 20.0]), -10.0
+            return float(sigmoid(w2 @ sigmoid(w1 @ x + b1) + b2))
+    """,
     wrong=(
         Wrong(
-            STOVE.replace("-10.0", "-30.0"),
+            {"-10.0": "-30.0"},
             "it waits for both inputs: the step of the output lies between 1 and 2 neurons on; put it between 0 and 1",
         ),
         Wrong(
-            STOVE.replace("[[100.0, 0.0], [0.0, 100.0]]", "[[100.0, 100.0], [100.0, 100.0]]"),
+            {"[[100.0, 0.0], [0.0, 100.0]]": "[[100.0, 100.0], [100.0, 100.0]]"},
             "two lukewarm inputs pull the hand back: each hidden neuron must look at one input alone",
         ),
         Wrong(
-            STOVE.replace("[-50.0, -50.0]", "[-100.0, -100.0]"),
+            {"[-50.0, -50.0]": "[-100.0, -100.0]"},
             "the hidden steps stand at 1: the bias for a step at 0.5 is minus half the weight",
         ),
         Wrong(
-            STOVE.replace("[-50.0, -50.0]", "[50.0, 50.0]"),
+            {"[-50.0, -50.0]": "[50.0, 50.0]"},
             "the hidden steps stand at -0.5, and the neurons are always on: the bias is minus the threshold",
         ),
         Wrong(
-            STOVE.replace("-10.0", "0.0"),
+            {"-10.0": "0.0"},
             "with no bias the output is one half when nothing happens: it needs a threshold of its own",
         ),
     ),
@@ -1127,13 +947,6 @@ Exercise(
     covers=("ex-hot-stove", "eq-nn-23", "fig-32", "cl-087"),
 )
 
-
-XOR = """
-            def xor(x):
-                w1, b1 = np.array([[20.0, 20.0], [20.0, 20.0]]), np.array([-10.0, -30.0])
-                w2, b2 = np.array([20.0, -20.0]), -10.0
-                return float(sigmoid(w2 @ sigmoid(w1 @ x + b1) + b2))
-"""
 
 Exercise(
     id="ch06-build-xor",
@@ -1165,26 +978,31 @@ Exercise(
         "Let one hidden neuron say *at least one* (a step at 1/2 of the sum of the inputs) and the other *both* (a step at 3/2).",
         "The output wants the first and not the second: weights 20 and -20, and a step at 1/2 of their difference.",
     ),
-    solution=XOR,
+    solution="""
+        def xor(x):
+            w1, b1 = np.array([[20.0, 20.0], [20.0, 20.0]]), np.array([-10.0, -30.0])
+            w2, b2 = np.array([20.0, -20.0]), -10.0
+            return float(sigmoid(w2 @ sigmoid(w1 @ x + b1) + b2))
+    """,
     wrong=(
         Wrong(
-            XOR.replace("[20.0, -20.0]", "[20.0, 0.0]"),
+            {"[20.0, -20.0]": "[20.0, 0.0]"},
             "it also fires when both inputs are on: the neuron that says *both* must hold it back",
         ),
         Wrong(
-            XOR.replace("[20.0, -20.0]", "[-20.0, 20.0]"),
+            {"[20.0, -20.0]": "[-20.0, 20.0]"},
             "it never fires: the output wants the neuron that says *at least one* and not the one that says *both*, and the two must differ",
         ),
         Wrong(
-            XOR.replace("[-10.0, -30.0]", "[-10.0, -20.0]"),
+            {"[-10.0, -30.0]": "[-10.0, -20.0]"},
             "the neuron that says *both* has its step at 1, just where a single input brings it: put it at 3/2",
         ),
         Wrong(
-            XOR.replace("[20.0, -20.0]), -10.0", "[20.0, -20.0]), 10.0"),
+            {"[20.0, -20.0]), -10.0": "[20.0, -20.0]), 10.0"},
             "the output fires for nothing at all: its bias is minus the threshold, -10",
         ),
         Wrong(
-            XOR.replace("[20.0, -20.0]", "[-20.0, -20.0]").replace("-20.0]), -10.0", "-20.0]), 10.0"),
+            {"[20.0, -20.0]": "[-20.0, -20.0]", "-20.0]), -10.0": "-20.0]), 10.0"},
             "it fires when no input is on: this is *neither*, not *exactly one*",
         ),
     ),
@@ -1275,15 +1093,6 @@ def _bump_parameters(edges, heights, w):
     return net.weights[0], net.biases[0], net.weights[1]
 
 
-BUMPS = """
-            def bump_network(edges, heights, w):
-                steps = np.column_stack((edges[:-1], edges[1:])).ravel()
-                w1 = np.full((len(steps), 1), w)
-                b1 = -w * steps
-                w2 = np.column_stack((heights, -heights)).reshape(1, -1)
-                return w1, b1, w2
-"""
-
 Exercise(
     id="ch06-build-bumps",
     kind="build",
@@ -1307,28 +1116,28 @@ Exercise(
         "List the positions of the steps first: `edges[0], edges[1], edges[1], edges[2], ...`; each inner edge comes twice.",
         "`np.column_stack((edges[:-1], edges[1:])).ravel()` is this list, and `np.column_stack((heights, -heights))` does the same for the output weights.",
     ),
-    solution=BUMPS,
+    solution="""
+        def bump_network(edges, heights, w):
+            steps = np.column_stack((edges[:-1], edges[1:])).ravel()
+            w1 = np.full((len(steps), 1), w)
+            b1 = -w * steps
+            w2 = np.column_stack((heights, -heights)).reshape(1, -1)
+            return w1, b1, w2
+    """,
     wrong=(
         Wrong(
-            BUMPS.replace("-w * steps", "w * steps"),
-            "the steps stand at the negative positions: the bias of a step at s is -w s",
+            {"-w * steps": "w * steps"}, "the steps stand at the negative positions: the bias of a step at s is -w s"
         ),
         Wrong(
-            BUMPS.replace("(heights, -heights)", "(heights, heights)"),
+            {"(heights, -heights)": "(heights, heights)"},
             "a staircase: the right step of each bump takes its height away again",
         ),
         Wrong(
-            BUMPS.replace("(edges[:-1], edges[1:])).ravel()", "(edges[:-1], edges[1:])).T.ravel()"),
+            {"(edges[:-1], edges[1:])).ravel()": "(edges[:-1], edges[1:])).T.ravel()"},
             "all left steps come first, then all right ones, but the output weights come in pairs: keep one order",
         ),
-        Wrong(
-            BUMPS.replace("-w * steps", "-steps"),
-            "a bias of -s gives a step at s / w: multiply by the weight",
-        ),
-        Wrong(
-            BUMPS.replace("(heights, -heights)", "(-heights, heights)"),
-            "every bump hangs upside down: the left step goes up",
-        ),
+        Wrong({"-w * steps": "-steps"}, "a bias of -s gives a step at s / w: multiply by the weight"),
+        Wrong({"(heights, -heights)": "(-heights, heights)"}, "every bump hangs upside down: the left step goes up"),
     ),
     minutes=12,
     covers=("alg-step-network", "fig-46", "cl-091", "cl-092", "ex-universal"),
@@ -1337,13 +1146,6 @@ Exercise(
 
 # ---------------------------------------------------------------------- claims
 
-
-POSITION = """
-            x, found = np.linspace(0, 1, 100_001), []
-            for w in (20, 40, 80):
-                found.append(float(x[np.argmax(sigmoid(w * x - 10) > 0.499999)]))
-            verdict_position = ("confirmed" if found[0] < found[1] < found[2] else "refuted", *found)
-"""
 
 Exercise(
     id="ch06-claim-position",
@@ -1361,19 +1163,23 @@ Exercise(
         "`np.argmax` of an array of truth values gives the place of the first true one.",
         "Twice the weight reaches the threshold with half the input: compare the numbers with $-b / w$.",
     ),
-    solution=POSITION,
+    solution="""
+        x, found = np.linspace(0, 1, 100_001), []
+        for w in (20, 40, 80):
+            found.append(float(x[np.argmax(sigmoid(w * x - 10) > 0.499999)]))
+        verdict_position = ("confirmed" if found[0] < found[1] < found[2] else "refuted", *found)
+    """,
     wrong=(
         Wrong(
-            POSITION.replace('"confirmed" if found[0] < found[1] < found[2] else "refuted"', '"confirmed"'),
+            {'"confirmed" if found[0] < found[1] < found[2] else "refuted"': '"confirmed"'},
             "the positions are right, and they halve as the weight doubles: inversely proportional",
         ),
         Wrong(
-            POSITION.replace("(20, 40, 80)", "(80, 40, 20)"),
+            {"(20, 40, 80)": "(80, 40, 20)"},
             "the order is turned round, from the largest weight: it makes the position seem to grow",
         ),
         Wrong(
-            POSITION.replace("x - 10", "x - w / 2"),
-            "the bias has moved with the weight and held the step at one half: keep it at -10",
+            {"x - 10": "x - w / 2"}, "the bias has moved with the weight and held the step at one half: keep it at -10"
         ),
         Wrong(
             'verdict_position = ("confirmed", 0.5, 1.0, 2.0)',
@@ -1383,22 +1189,6 @@ Exercise(
     minutes=5,
     covers=("cl-090", "cl-089", "eq-nn-24"),
 )
-
-
-RELU = """
-            ws = np.sqrt(2 / 64) * np.random.default_rng(0).normal(size=(10, 64, 64))
-            powers = []
-            for left, right in ((0, 1), (0, 0.25), (-1, 1)):
-                a, slopes, g = np.random.default_rng(1).normal(size=64), [], np.ones(64) / 8
-                for w in ws:
-                    z = w @ a
-                    slopes.append(np.where(z > 0, right, left))
-                    a = slopes[-1] * z
-                for w, slope in zip(ws[::-1], slopes[::-1]):
-                    g = w.T @ (g * slope)
-                powers.append(float(np.log10(np.linalg.norm(g))))
-            verdict_relu = ("confirmed" if powers[1] > -1 > powers[2] else "refuted", *powers)
-"""
 
 
 def _log_gradients():
@@ -1440,26 +1230,39 @@ Exercise(
         "Forward: `z = w @ a`, keep the slopes `np.where(z > 0, right, left)` in `slopes`, and the new `a` is slope times `z`.",
         "Backward: `g = w.T @ (g * slope)`. Ten layers multiply ten slopes: what is a quarter to the power 10?",
     ),
-    solution=RELU,
+    solution="""
+        ws = np.sqrt(2 / 64) * np.random.default_rng(0).normal(size=(10, 64, 64))
+        powers = []
+        for left, right in ((0, 1), (0, 0.25), (-1, 1)):
+            a, slopes, g = np.random.default_rng(1).normal(size=64), [], np.ones(64) / 8
+            for w in ws:
+                z = w @ a
+                slopes.append(np.where(z > 0, right, left))
+                a = slopes[-1] * z
+            for w, slope in zip(ws[::-1], slopes[::-1]):
+                g = w.T @ (g * slope)
+            powers.append(float(np.log10(np.linalg.norm(g))))
+        verdict_relu = ("confirmed" if powers[1] > -1 > powers[2] else "refuted", *powers)
+    """,
     wrong=(
         Wrong(
-            RELU.replace('"confirmed" if powers[1] > -1 > powers[2] else "refuted"', '"confirmed"'),
+            {'"confirmed" if powers[1] > -1 > powers[2] else "refuted"': '"confirmed"'},
             "the numbers are right: the quarter is 0 on the same half, and its gradient vanishes all the same; what matters is the slope where it is not 0",
         ),
         Wrong(
-            RELU.replace("(0, 0.25), (-1, 1))", "(-1, 1), (0, 0.25))"),
+            {"(0, 0.25), (-1, 1))": "(-1, 1), (0, 0.25))"},
             "the last two are swapped: first the quarter, then the absolute value",
         ),
         Wrong(
-            RELU.replace("w.T @ (g", "w @ (g"),
+            {"w.T @ (g": "w @ (g"},
             "the transpose is missing on the way back: nothing complains, for every layer has 64 neurons",
         ),
         Wrong(
-            RELU.replace("g = w.T @ (g * slope)", "g = w.T @ g"),
+            {"g = w.T @ (g * slope)": "g = w.T @ g"},
             "the slopes are missing on the way back: without them every activation carries the same gradient",
         ),
         Wrong(
-            RELU.replace("g = w.T @ (g * slope)", "g = w.T @ g * slope"),
+            {"g = w.T @ (g * slope)": "g = w.T @ g * slope"},
             "the slope is applied after the weights, but it belongs to the layer that the error has not yet left",
         ),
     ),
@@ -1479,16 +1282,6 @@ def _depth_costs():
     return tuple(costs)
 
 
-DEPTH = """
-            x = np.linspace(0, 1, 21)[:, None]
-            y, costs = np.cos(x) ** 2 + x, []
-            for depth in (1, 2, 4):
-                rng = np.random.default_rng(0)
-                net = MLP([1] + depth * [16] + [1], hidden="sigmoid", optimizer=SGD(0.5), dtype=np.float64, rng=rng)
-                costs.append(float(sgd(net, x, y, batch=None, epochs=400, rng=rng)[-1]))
-            verdict_depth = ("confirmed" if costs[0] > costs[1] > costs[2] else "refuted", *costs)
-"""
-
 Exercise(
     id="ch06-claim-depth",
     kind="experiment",
@@ -1505,24 +1298,23 @@ Exercise(
         "The sizes are `[1, 16, 1]`, `[1, 16, 16, 1]` and `[1, 16, 16, 16, 16, 1]`.",
         "`sgd` returns the cost of every epoch; take the last one.",
     ),
-    solution=DEPTH,
+    solution="""
+        x = np.linspace(0, 1, 21)[:, None]
+        y, costs = np.cos(x) ** 2 + x, []
+        for depth in (1, 2, 4):
+            rng = np.random.default_rng(0)
+            net = MLP([1] + depth * [16] + [1], hidden="sigmoid", optimizer=SGD(0.5), dtype=np.float64, rng=rng)
+            costs.append(float(sgd(net, x, y, batch=None, epochs=400, rng=rng)[-1]))
+        verdict_depth = ("confirmed" if costs[0] > costs[1] > costs[2] else "refuted", *costs)
+    """,
     wrong=(
         Wrong(
-            DEPTH.replace('"confirmed" if costs[0] > costs[1] > costs[2] else "refuted"', '"confirmed"'),
+            {'"confirmed" if costs[0] > costs[1] > costs[2] else "refuted"': '"confirmed"'},
             "the costs are right, and they grow with the depth: through sigmoid layers hardly any gradient comes back",
         ),
-        Wrong(
-            DEPTH.replace("(1, 2, 4)", "(4, 2, 1)"),
-            "the order is turned round: one hidden layer first",
-        ),
-        Wrong(
-            DEPTH.replace("[-1]))", "[0]))"),
-            "these are the costs of the first epoch, before anything was learned",
-        ),
-        Wrong(
-            DEPTH.replace("epochs=400", "epochs=40"),
-            "these are the costs after 40 epochs: 400 are asked for",
-        ),
+        Wrong({"(1, 2, 4)": "(4, 2, 1)"}, "the order is turned round: one hidden layer first"),
+        Wrong({"[-1]))": "[0]))"}, "these are the costs of the first epoch, before anything was learned"),
+        Wrong({"epochs=400": "epochs=40"}, "these are the costs after 40 epochs: 400 are asked for"),
     ),
     minutes=15,
     covers=("cl-085", "cl-084", "ex-universal", "eq-u-target-function"),

@@ -101,12 +101,6 @@ def _three_scores():
     return scores, p @ scores
 
 
-THREE = """
-            p = np.array([1, 2, 3]) / 6
-            scores = np.eye(3) - p
-            three_scores = (scores, p @ scores)
-"""
-
 Exercise(
     id="ch07-score",
     kind="fill in",
@@ -140,12 +134,7 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def score(h, a):
-                p = np.exp(h - h.max())
-                p = p / p.sum()
-                return p - np.eye(len(p))[a]
-            """,
+            {"np.eye(len(p))[a] - p": "p - np.eye(len(p))[a]"},
             "the sign is turned round: this is the gradient of the cost of a classifier, and it would make the action rarer",
         ),
         Wrong(
@@ -156,31 +145,14 @@ Exercise(
             "the probabilities are missing: the other preferences enter through the sum in the denominator",
         ),
         Wrong(
-            """
-            def score(h, a):
-                p = np.exp(h - h.max())
-                p = p / p.sum()
-                return p[a] * (np.eye(len(p))[a] - p)
-            """,
+            {"np.eye(len(p))[a] - p": "p[a] * (np.eye(len(p))[a] - p)"},
             "this is the gradient of the probability: divide it by the probability to get that of its logarithm",
         ),
         Wrong(
-            """
-            def score(h, a):
-                p = np.exp(h - h.max())
-                p = p / p.sum()
-                return np.eye(len(p))[a] * (1 - p)
-            """,
+            {"np.eye(len(p))[a] - p": "np.eye(len(p))[a] * (1 - p)"},
             "only the preference of the chosen action moves: the others have to fall",
         ),
-        Wrong(
-            """
-            def score(h, a):
-                p = np.exp(h - h.max())
-                return np.eye(len(p))[a] - p
-            """,
-            "the probabilities are not divided by their sum",
-        ),
+        Wrong({"    p = p / p.sum()\n": ""}, "the probabilities are not divided by their sum"),
     ),
     minutes=6,
     covers=("om-score", "alg-softmax-policy"),
@@ -202,27 +174,30 @@ Exercise(
         r"The weights are 1, 2 and 3, so the probabilities are 1/6, 1/3 and 1/2.",
         "Row $a$ is a 1 at place $a$, minus the three probabilities. Weight each row with the probability of its action, and add.",
     ),
-    solution=THREE,
+    solution="""
+        p = np.array([1, 2, 3]) / 6
+        scores = np.eye(3) - p
+        three_scores = (scores, p @ scores)
+    """,
     wrong=(
         Wrong(
-            THREE.replace("p @ scores", "scores.mean(axis=0)"),
+            {"p @ scores": "scores.mean(axis=0)"},
             "the scores are right; the mean weights each with the probability of its action, not all alike",
         ),
         Wrong(
-            THREE.replace("np.eye(3) - p", "p - np.eye(3)"),
+            {"np.eye(3) - p": "p - np.eye(3)"},
             "the sign of the scores is turned round: the preference of the chosen action grows",
         ),
         Wrong(
-            THREE.replace("np.eye(3) - p", "(np.eye(3) - p).T"),
+            {"np.eye(3) - p": "(np.eye(3) - p).T"},
             "rows and columns are swapped: the row is the action taken, and it sums to 0",
         ),
         Wrong(
-            THREE.replace("[1, 2, 3]) / 6", "[0, np.log(2), np.log(3)]) / np.log(6)"),
+            {"[1, 2, 3]) / 6": "[0, np.log(2), np.log(3)]) / np.log(6)"},
             "the probabilities are proportional to exp(h), not to h",
         ),
         Wrong(
-            THREE.replace("np.eye(3) - p", "np.eye(3) - 1 / 3"),
-            "the actions are not equally probable: the weights are 1, 2 and 3",
+            {"np.eye(3) - p": "np.eye(3) - 1 / 3"}, "the actions are not equally probable: the weights are 1, 2 and 3"
         ),
     ),
     minutes=5,
@@ -355,21 +330,10 @@ Exercise(
             "right where all probabilities are positive; 0 times the logarithm of 0 is NaN: leave these actions out",
         ),
         Wrong(
-            """
-            def entropy(p):
-                p = p[p > 0]
-                return float(p @ np.log(p))
-            """,
+            {"-(p @ np.log(p))": "p @ np.log(p)"},
             "the sign is turned round: logarithms of probabilities are negative, and the entropy is not",
         ),
-        Wrong(
-            """
-            def entropy(p):
-                p = p[p > 0]
-                return float(-(p @ np.log2(p)))
-            """,
-            "this is measured in bits: take the natural logarithm",
-        ),
+        Wrong({"np.log": "np.log2"}, "this is measured in bits: take the natural logarithm"),
         Wrong(
             """
             def entropy(p):
@@ -410,12 +374,11 @@ Exercise(
     solution="jump = np.array([[0.05, 0.95], [1 / (1 + np.exp(0.1)), 1 / (1 + np.exp(-0.1))]])",
     wrong=(
         Wrong(
-            "jump = np.array([[0.1, 0.9], [1 / (1 + np.exp(0.1)), 1 / (1 + np.exp(-0.1))]])",
+            {"[0.05, 0.95]": "[0.1, 0.9]"},
             "exploring, the policy draws from both actions: the worse one gets half of epsilon",
         ),
         Wrong(
-            "jump = np.array([[0.0, 1.0], [1 / (1 + np.exp(0.1)), 1 / (1 + np.exp(-0.1))]])",
-            "this is the greedy policy: with epsilon = 0.1 both actions keep a chance",
+            {"[0.05, 0.95]": "[0.0, 1.0]"}, "this is the greedy policy: with epsilon = 0.1 both actions keep a chance"
         ),
         Wrong(
             "jump = np.array([[0.95, 0.05], [1 / (1 + np.exp(-0.1)), 1 / (1 + np.exp(0.1))]])",
@@ -478,12 +441,6 @@ def _division():
     return (p * r) @ scores, (p * p * r) @ scores
 
 
-DIVISION = """
-            p, r = np.array([0.9, 0.1]), np.array([1, 1.2])
-            scores = np.eye(2) - p
-            division = ((p * r) @ scores, (p * p * r) @ scores)
-"""
-
 Exercise(
     id="ch07-division",
     kind="by hand",
@@ -499,26 +456,27 @@ Exercise(
         r"$\nabla \pi(a) / \pi(a)$ is the score: $(0.1, -0.1)$ for the first arm, $(-0.9, 0.9)$ for the second.",
         r"The expectation weights each arm with its probability. Without the division the arm's update has a further factor $\pi(a)$.",
     ),
-    solution=DIVISION,
+    solution="""
+        p, r = np.array([0.9, 0.1]), np.array([1, 1.2])
+        scores = np.eye(2) - p
+        division = ((p * r) @ scores, (p * p * r) @ scores)
+    """,
     wrong=(
         Wrong(
-            DIVISION.replace("(p * r) @ scores, (p * p * r) @ scores", "(p * p * r) @ scores, (p * r) @ scores"),
+            {"(p * r) @ scores, (p * p * r) @ scores": "(p * p * r) @ scores, (p * r) @ scores"},
             "the two are swapped: with the division the better arm wins, although it is rarely pulled",
         ),
         Wrong(
-            DIVISION.replace("(p * r) @ scores, (p * p * r) @ scores", "r @ scores, (p * r) @ scores"),
+            {"(p * r) @ scores, (p * p * r) @ scores": "r @ scores, (p * r) @ scores"},
             "this adds up over the arms without their probabilities: the first arm is pulled nine times as often",
         ),
         Wrong(
-            DIVISION.replace("np.eye(2) - p", "p - np.eye(2)"),
+            {"np.eye(2) - p": "p - np.eye(2)"},
             "the sign is turned round: the preference of the arm that was pulled grows with its reward",
         ),
+        Wrong({"np.eye(2) - p": "np.eye(2)"}, "the score of each arm also lowers the preference of the other one"),
         Wrong(
-            DIVISION.replace("np.eye(2) - p", "np.eye(2)"),
-            "the score of each arm also lowers the preference of the other one",
-        ),
-        Wrong(
-            DIVISION.replace("(p * p * r) @ scores", "(p * r) @ scores"),
+            {"(p * p * r) @ scores": "(p * r) @ scores"},
             "both are with the division: without it each update has a further factor pi(a)",
         ),
     ),
@@ -612,42 +570,20 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            """
-            def policy_gradient(visits, pi, Q):
-                return visits[:, None] * pi * Q
-            """,
+            {"    V = (pi * Q).sum(axis=1, keepdims=True)\n": "", "(Q - V)": "Q"},
             "the value of the state is missing: when one preference grows, the probabilities of all the others fall",
         ),
         Wrong(
-            """
-            def policy_gradient(visits, pi, Q):
-                V = (pi * Q).sum(axis=1, keepdims=True)
-                return visits[:, None] * (Q - V)
-            """,
+            {" * pi": ""},
             "the probability is missing: a preference matters in proportion to the probability of its action",
         ),
+        Wrong({"visits[:, None] * ": ""}, "the states count alike: weight each with its visits"),
         Wrong(
-            """
-            def policy_gradient(visits, pi, Q):
-                V = (pi * Q).sum(axis=1, keepdims=True)
-                return pi * (Q - V)
-            """,
-            "the states count alike: weight each with its visits",
-        ),
-        Wrong(
-            """
-            def policy_gradient(visits, pi, Q):
-                V = (pi * Q).sum(axis=1, keepdims=True)
-                return (visits / visits.sum())[:, None] * pi * (Q - V)
-            """,
+            {"visits[:, None]": "(visits / visits.sum())[:, None]"},
             "this is proportional to the gradient only: the visits are counts, and must not be scaled to sum to 1",
         ),
         Wrong(
-            """
-            def policy_gradient(visits, pi, Q):
-                V = Q.mean(axis=1, keepdims=True)
-                return visits[:, None] * pi * (Q - V)
-            """,
+            {"(pi * Q).sum": "Q.mean"},
             "the value of a state weights each action value with the probability of the action",
         ),
     ),
@@ -656,15 +592,6 @@ Exercise(
 )
 
 
-GRADIENT = """
-            def reinforce_gradient(theta, states, actions, rewards, gamma):
-                g, G = np.zeros_like(theta), 0.0
-                for s, a, r in zip(states[::-1], actions[::-1], rewards[::-1]):
-                    G = r + gamma * G
-                    p = np.exp(theta[:, s] - theta[:, s].max())
-                    g[:, s] += G * (np.eye(len(p))[a] - p / p.sum())
-                return g
-"""
 FORWARD = """
             def reinforce_gradient(theta, states, actions, rewards, gamma):
                 g = np.zeros_like(theta)
@@ -706,7 +633,15 @@ Exercise(
         "Go backward through the episode: `G = r + gamma * G` gives each return from the one after it.",
         "Only the column `theta[:, s]` of the state matters: its score is `np.eye(A)[a] - p`.",
     ),
-    solution=GRADIENT,
+    solution="""
+        def reinforce_gradient(theta, states, actions, rewards, gamma):
+            g, G = np.zeros_like(theta), 0.0
+            for s, a, r in zip(states[::-1], actions[::-1], rewards[::-1]):
+                G = r + gamma * G
+                p = np.exp(theta[:, s] - theta[:, s].max())
+                g[:, s] += G * (np.eye(len(p))[a] - p / p.sum())
+            return g
+    """,
     wrong=(
         Wrong(
             FORWARD.replace("WHICH", "rewards @ gamma ** np.arange(len(rewards))"),
@@ -729,26 +664,17 @@ Exercise(
             "these are the rewards up to t: an action can only be credited with what comes after it",
         ),
         Wrong(
-            GRADIENT.replace("- p / p.sum())", ")"),
+            {"- p / p.sum())": ")"},
             "the score lacks the probabilities: the other actions' preferences have to move, too",
         ),
         Wrong(
-            GRADIENT.replace("g[:, s] +=", "g[:, s] ="),
-            "a state that is visited again overwrites what its other visits gave: add up",
+            {"g[:, s] +=": "g[:, s] ="}, "a state that is visited again overwrites what its other visits gave: add up"
         ),
     ),
     minutes=12,
     covers=("alg-reinforce", "fig-52", "eq-rf-38", "eq-u-alg2-return", "eq-u-alg2-gradient"),
 )
 
-
-BASELINE = """
-            def bandit_step(h, q_hat, a, r, alpha):
-                p = np.exp(h - h.max())
-                p = p / p.sum()
-                b = p @ q_hat
-                return h + alpha * (r - b) * (np.eye(len(p))[a] - p)
-"""
 
 Exercise(
     id="ch07-bug-baseline",
@@ -775,42 +701,31 @@ Exercise(
         "Which of the four lines asks for the arm that was pulled? Which of them may?",
         "The value of the policy is the mean of the values of the arms, each weighted with its probability.",
     ),
-    solution=BASELINE,
+    solution="""
+        def bandit_step(h, q_hat, a, r, alpha):
+            p = np.exp(h - h.max())
+            p = p / p.sum()
+            b = p @ q_hat
+            return h + alpha * (r - b) * (np.eye(len(p))[a] - p)
+    """,
     wrong=(
         Wrong(
-            BASELINE.replace("p @ q_hat", "q_hat.max()"),
-            "this adds no bias, but it is the value of the best arm, not of the policy",
+            {"p @ q_hat": "q_hat.max()"}, "this adds no bias, but it is the value of the best arm, not of the policy"
         ),
         Wrong(
-            BASELINE.replace("p @ q_hat", "q_hat.mean()"),
+            {"p @ q_hat": "q_hat.mean()"},
             "this adds no bias, but it is the value of pulling all arms equally often, not of the policy",
         ),
+        Wrong({"p @ q_hat": "p[a] * q_hat[a]"}, "the baseline still depends on the arm: add up over all arms"),
+        Wrong({"p @ q_hat": "0.0"}, "without a baseline there is no bias either, but all the variance is back"),
         Wrong(
-            BASELINE.replace("p @ q_hat", "p[a] * q_hat[a]"),
-            "the baseline still depends on the arm: add up over all arms",
-        ),
-        Wrong(
-            BASELINE.replace("p @ q_hat", "0.0"),
-            "without a baseline there is no bias either, but all the variance is back",
-        ),
-        Wrong(
-            BASELINE.replace("p @ q_hat", "q_hat[a]").replace("[a] - p)", "[a])"),
-            "the score was right: the baseline still depends on the arm",
+            {"p @ q_hat": "q_hat[a]", "[a] - p)": "[a])"}, "the score was right: the baseline still depends on the arm"
         ),
     ),
     minutes=8,
     covers=("eq-u-baseline-zero", "eq-u-reinforce-baseline", "cl-110"),
 )
 
-
-ORDER = """
-            def step_both(h, w, a, G, alpha, alpha_w):
-                delta = G - w
-                w = w + alpha_w * delta
-                p = np.exp(h - h.max())
-                p = p / p.sum()
-                return h + alpha * delta * (np.eye(len(p))[a] - p), w
-"""
 
 Exercise(
     id="ch07-bug-order",
@@ -845,38 +760,34 @@ Exercise(
         "What is `delta` where `alpha_w = 1`? Which `w` should it be taken from?",
         "After the first line `w` already contains a part of the return, and so of the action: take the difference first.",
     ),
-    solution=ORDER,
+    solution="""
+        def step_both(h, w, a, G, alpha, alpha_w):
+            delta = G - w
+            w = w + alpha_w * delta
+            p = np.exp(h - h.max())
+            p = p / p.sum()
+            return h + alpha * delta * (np.eye(len(p))[a] - p), w
+    """,
     wrong=(
         Wrong(
-            ORDER.replace("w = w + alpha_w * delta", "pass"),
+            {"w = w + alpha_w * delta": "pass"},
             "the baseline does not learn any more: it has to move towards the return, only after the difference is taken",
         ),
+        Wrong({"alpha_w * delta": "alpha * delta"}, "the baseline moves with the step size of the policy"),
         Wrong(
-            ORDER.replace("alpha_w * delta", "alpha * delta"),
-            "the baseline moves with the step size of the policy",
-        ),
-        Wrong(
-            ORDER.replace("delta = G - w", "delta = w - G").replace("w + alpha_w", "w - alpha_w"),
+            {"delta = G - w": "delta = w - G", "w + alpha_w": "w - alpha_w"},
             "the difference is turned round, and the policy goes downhill",
         ),
         Wrong(
-            ORDER.replace("h + alpha * delta", "h + alpha * (1 - alpha_w) * delta"),
+            {"h + alpha * delta": "h + alpha * (1 - alpha_w) * delta"},
             "this is the old behaviour in other words: the difference shrinks with the step size of the baseline",
         ),
-        Wrong(
-            ORDER.replace("h + alpha * delta", "h + alpha * G"),
-            "the baseline learns, but the policy no longer subtracts it",
-        ),
+        Wrong({"h + alpha * delta": "h + alpha * G"}, "the baseline learns, but the policy no longer subtracts it"),
     ),
     minutes=6,
     covers=("alg-reinforce-baseline", "om-baseline-update", "eq-u-reinforce-baseline"),
 )
 
-
-MASK = """
-            def critic_error(v, v_next, r, gamma, terminated, truncated):
-                return r + gamma * v_next * ~terminated - v
-"""
 
 Exercise(
     id="ch07-critic-error",
@@ -912,36 +823,32 @@ Exercise(
         r"Where the episode has terminated, $\hat v(s')$ counts as 0.",
         "`~terminated` is 1 where the episode goes on, and it multiplies `v_next`. What is `truncated` good for here?",
     ),
-    solution=MASK,
+    solution="""
+        def critic_error(v, v_next, r, gamma, terminated, truncated):
+            return r + gamma * v_next * ~terminated - v
+    """,
     wrong=(
         Wrong(
-            MASK.replace(" * ~terminated", ""),
-            "what the network says of a terminal state still counts: mask it with terminated",
+            {" * ~terminated": ""}, "what the network says of a terminal state still counts: mask it with terminated"
         ),
         Wrong(
-            MASK.replace("~terminated", "~(terminated | truncated)"),
+            {"~terminated": "~(terminated | truncated)"},
             "a truncated episode would have gone on: its last state keeps its value",
         ),
         Wrong(
-            MASK.replace("~terminated", "~truncated"),
+            {"~terminated": "~truncated"},
             "the wrong ending is masked: terminated, not truncated, means that nothing follows",
         ),
         Wrong(
-            MASK.replace("r + gamma * v_next * ~terminated - v", "(r + gamma * v_next - v) * ~terminated"),
+            {"r + gamma * v_next * ~terminated - v": "(r + gamma * v_next - v) * ~terminated"},
             "the whole error is masked: the last reward is the most certain news of all",
         ),
+        Wrong({" - v": ""}, "this is the target: subtract what was expected, the value of the state"),
         Wrong(
-            MASK.replace(" - v", ""),
-            "this is the target: subtract what was expected, the value of the state",
-        ),
-        Wrong(
-            MASK.replace("r + gamma * v_next * ~terminated - v", "v - r - gamma * v_next * ~terminated"),
+            {"r + gamma * v_next * ~terminated - v": "v - r - gamma * v_next * ~terminated"},
             "the sign is turned round: an outcome better than expected is positive",
         ),
-        Wrong(
-            MASK.replace("gamma * v_next", "v_next"),
-            "the discount factor is missing",
-        ),
+        Wrong({"gamma * v_next": "v_next"}, "the discount factor is missing"),
     ),
     minutes=5,
     covers=("alg-actor-critic", "om-baseline-update", "cl-112"),
@@ -1039,17 +946,6 @@ def _corridor(n, confused):
     return FiniteMDP.from_outcomes(outcomes, start=0)
 
 
-BUILD = """
-            def confusing_corridor(n, confused):
-                outcomes = {}
-                for s in range(n):
-                    back, on = max(s - 1, 0), s + 1
-                    moves = (on, back) if s in confused else (back, on)
-                    for a in (0, 1):
-                        outcomes[s, a] = [(1.0, moves[a], -1.0)]
-                return FiniteMDP.from_outcomes(outcomes, start=0)
-"""
-
 Exercise(
     id="ch07-build-corridor",
     kind="build",
@@ -1074,30 +970,33 @@ Exercise(
         "`outcomes[s, a]` is a list of `(probability, next state, reward)`, here with one entry; a state without outcomes is terminal.",
         "The two next states are `max(s - 1, 0)` and `s + 1`; in a confused cell they change places.",
     ),
-    solution=BUILD,
+    solution="""
+        def confusing_corridor(n, confused):
+            outcomes = {}
+            for s in range(n):
+                back, on = max(s - 1, 0), s + 1
+                moves = (on, back) if s in confused else (back, on)
+                for a in (0, 1):
+                    outcomes[s, a] = [(1.0, moves[a], -1.0)]
+            return FiniteMDP.from_outcomes(outcomes, start=0)
+    """,
     wrong=(
         Wrong(
-            BUILD.replace("(on, back) if s in confused else (back, on)", "(back, on)"),
+            {"(on, back) if s in confused else (back, on)": "(back, on)"},
             "no cell is confused: exchange the two actions in the cells of the tuple",
         ),
         Wrong(
-            BUILD.replace("(on, back) if s in confused else (back, on)", "(back, on) if s in confused else (on, back)"),
+            {"(on, back) if s in confused else (back, on)": "(back, on) if s in confused else (on, back)"},
             "the wrong cells are confused: right leads on everywhere but in the cells of the tuple",
         ),
+        Wrong({"max(s - 1, 0)": "(s - 1) % n"}, "going left from cell 0 comes out at the other end: it should stay"),
         Wrong(
-            BUILD.replace("max(s - 1, 0)", "(s - 1) % n"),
-            "going left from cell 0 comes out at the other end: it should stay",
-        ),
-        Wrong(
-            BUILD.replace("-1.0)]", "float(moves[a] == n))]"),
+            {"-1.0)]": "float(moves[a] == n))]"},
             "the end pays 1 and the steps cost nothing: at gamma = 1 every policy that arrives would be as good as any other",
         ),
+        Wrong({"-1.0)]": "-float(moves[a] != n))]"}, "the step into the end is free: every step costs 1"),
         Wrong(
-            BUILD.replace("-1.0)]", "-float(moves[a] != n))]"),
-            "the step into the end is free: every step costs 1",
-        ),
-        Wrong(
-            BUILD.replace("s in confused", "s + 1 in confused"),
+            {"s in confused": "s + 1 in confused"},
             "the cell before each confused one is exchanged: the cells are counted from 0",
         ),
     ),
@@ -1124,18 +1023,6 @@ def _baseline_numbers():
     return float(g0.mean()), float(g1.mean()), float(g1.var() / g0.var())
 
 
-UNBIASED = """
-            theta, x = np.zeros((2, 1)), np.ones((4, 1))
-            g = []
-            for b in (0.0, -12.0):
-                rng = np.random.default_rng(0)
-                estimates = gradient_estimates(short_corridor(), theta, 1.0, 20_000, features=x, baseline=b, rng=rng)
-                g.append(estimates[:, 1, 0])
-            error = (g[1] - g[0]).std() / np.sqrt(20_000)
-            word = "confirmed" if abs(g[1].mean() - g[0].mean()) < 3 * error else "refuted"
-            verdict_baseline = (word, float(g[0].mean()), float(g[1].mean()), float(g[1].var() / g[0].var()))
-"""
-
 Exercise(
     id="ch07-claim-baseline",
     kind="experiment",
@@ -1152,26 +1039,33 @@ Exercise(
         "`estimates[:, 1, 0]` is the component of action 1, one number an episode.",
         "The same generator gives the same episodes, so the difference can be taken episode by episode; its standard error is `difference.std() / np.sqrt(20_000)`.",
     ),
-    solution=UNBIASED,
+    solution="""
+        theta, x = np.zeros((2, 1)), np.ones((4, 1))
+        g = []
+        for b in (0.0, -12.0):
+            rng = np.random.default_rng(0)
+            estimates = gradient_estimates(short_corridor(), theta, 1.0, 20_000, features=x, baseline=b, rng=rng)
+            g.append(estimates[:, 1, 0])
+        error = (g[1] - g[0]).std() / np.sqrt(20_000)
+        word = "confirmed" if abs(g[1].mean() - g[0].mean()) < 3 * error else "refuted"
+        verdict_baseline = (word, float(g[0].mean()), float(g[1].mean()), float(g[1].var() / g[0].var()))
+    """,
     wrong=(
         Wrong(
-            UNBIASED.replace('"confirmed" if abs(g[1].mean() - g[0].mean()) < 3 * error else "refuted"', '"refuted"'),
+            {'"confirmed" if abs(g[1].mean() - g[0].mean()) < 3 * error else "refuted"': '"refuted"'},
             "the numbers are right, but means of samples differ a little even where the expectations are the same: compare with the standard error",
         ),
         Wrong(
-            UNBIASED.replace("g[1].var() / g[0].var()", "g[0].var() / g[1].var()"),
+            {"g[1].var() / g[0].var()": "g[0].var() / g[1].var()"},
             "the ratio is upside down: the variance with the baseline belongs on top",
         ),
         Wrong(
-            UNBIASED.replace("g[1].var() / g[0].var()", "g[1].std() / g[0].std()"),
+            {"g[1].var() / g[0].var()": "g[1].std() / g[0].std()"},
             "this is the ratio of the standard deviations: the variance is their square",
         ),
+        Wrong({"[:, 1, 0]": "[:, 0, 0]"}, "this is the component of action 0, left"),
         Wrong(
-            UNBIASED.replace("[:, 1, 0]", "[:, 0, 0]"),
-            "this is the component of action 0, left",
-        ),
-        Wrong(
-            UNBIASED.replace("(0.0, -12.0)", "(0.0, 12.0)"),
+            {"(0.0, -12.0)": "(0.0, 12.0)"},
             "the value of the start is negative: with +12 the variance grows, though the mean stays",
         ),
     ),
@@ -1190,17 +1084,6 @@ def _critic_numbers():
     return float(exact), float(actor_critic), float(g[:, 1, 0].mean())
 
 
-CRITIC = """
-            theta, x, V = np.zeros((2, 1)), np.ones((4, 1)), np.array([-12.0, -12.0, -12.0, 0.0])
-            mdp, rng = short_corridor(), np.random.default_rng(0)
-            exact = float(policy_gradient_exact(mdp, theta, 1.0, features=x)[1, 0])
-            critic = float(policy_gradient_exact(mdp, theta, 1.0, features=x, V=V)[1, 0])
-            g = gradient_estimates(mdp, theta, 1.0, 20_000, features=x, baseline=V, rng=rng)
-            baseline = float(g[:, 1, 0].mean())
-            word = "confirmed" if abs(critic - baseline) < 0.5 else "refuted"
-            verdict_critic = (word, exact, critic, baseline)
-"""
-
 Exercise(
     id="ch07-claim-critic",
     kind="experiment",
@@ -1217,26 +1100,35 @@ Exercise(
         "Predict first: as a baseline V is only subtracted from the true return; as a critic it also stands for all that comes after the next reward.",
         "`gradient_estimates` returns `(20_000, 2, 1)`: average over the episodes.",
     ),
-    solution=CRITIC,
+    solution="""
+        theta, x, V = np.zeros((2, 1)), np.ones((4, 1)), np.array([-12.0, -12.0, -12.0, 0.0])
+        mdp, rng = short_corridor(), np.random.default_rng(0)
+        exact = float(policy_gradient_exact(mdp, theta, 1.0, features=x)[1, 0])
+        critic = float(policy_gradient_exact(mdp, theta, 1.0, features=x, V=V)[1, 0])
+        g = gradient_estimates(mdp, theta, 1.0, 20_000, features=x, baseline=V, rng=rng)
+        baseline = float(g[:, 1, 0].mean())
+        word = "confirmed" if abs(critic - baseline) < 0.5 else "refuted"
+        verdict_critic = (word, exact, critic, baseline)
+    """,
     wrong=(
         Wrong(
-            CRITIC.replace('"confirmed" if abs(critic - baseline) < 0.5 else "refuted"', '"confirmed"'),
+            {'"confirmed" if abs(critic - baseline) < 0.5 else "refuted"': '"confirmed"'},
             "the numbers are right, and one is three times the other: the critic bootstraps, and its error becomes a bias",
         ),
         Wrong(
-            CRITIC.replace("(word, exact, critic, baseline)", "(word, exact, baseline, critic)"),
+            {"(word, exact, critic, baseline)": "(word, exact, baseline, critic)"},
             "the last two are swapped: the baseline is the one that stays near the exact gradient",
         ),
         Wrong(
-            CRITIC.replace(", V=V)", ")").replace("abs(critic - baseline) < 0.5", "False"),
+            {", V=V)": ")", "abs(critic - baseline) < 0.5": "False"},
             "V is missing in the second call: it gives the exact gradient once more",
         ),
         Wrong(
-            CRITIC.replace("[1, 0]", "[0, 0]").replace("[:, 1, 0]", "[:, 0, 0]"),
+            {"x)[1, 0]": "x)[0, 0]", "V=V)[1, 0]": "V=V)[0, 0]", "[:, 1, 0]": "[:, 0, 0]"},
             "these are the components of action 0, left",
         ),
         Wrong(
-            CRITIC.replace("baseline=V, ", ""),
+            {"baseline=V, ": ""},
             "the baseline is missing in the last call: the mean is nearly the same, but it is not the algorithm in question",
         ),
     ),

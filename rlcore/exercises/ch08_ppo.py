@@ -29,12 +29,6 @@ def _at(shape, *places):
     return flags
 
 
-UP = """
-            def log_prob_gradient(w, x, up):
-                p = 1 / (1 + np.exp(-(w @ x)))
-                return (up - p) * x
-"""
-
 Exercise(
     id="ch08-up-down",
     kind="fill in",
@@ -56,39 +50,29 @@ Exercise(
         r"The derivative of $\ln \sigma(z)$ is $1 - \sigma(z)$, that of $\ln (1 - \sigma(z))$ is $-\sigma(z)$; and $z = w \cdot x$.",
         "Both cases in one: the label minus the probability of UP, times the input.",
     ),
-    solution=UP,
+    solution="""
+        def log_prob_gradient(w, x, up):
+            p = 1 / (1 + np.exp(-(w @ x)))
+            return (up - p) * x
+    """,
     wrong=(
+        Wrong({"(up - p)": "(1 - p)"}, "right for the label UP only: where DOWN is right, UP has to become rarer"),
         Wrong(
-            UP.replace("(up - p)", "(1 - p)"),
-            "right for the label UP only: where DOWN is right, UP has to become rarer",
-        ),
-        Wrong(
-            UP.replace("(up - p)", "(p - up)"),
+            {"(up - p)": "(p - up)"},
             "the sign is turned round: this is the gradient of the cost, and would make the right answer rarer",
         ),
         Wrong(
-            UP.replace("(up - p)", "(2 * up - 1) * p * (1 - p)"),
+            {"(up - p)": "(2 * up - 1) * p * (1 - p)"},
             "this is the gradient of the probability: its logarithm divides it by the probability of the right answer",
         ),
         Wrong(
-            UP.replace("(up - p)", "(2 * up - 1)"),
-            "the probability is missing: an answer that is already certain needs no push",
+            {"(up - p)": "(2 * up - 1)"}, "the probability is missing: an answer that is already certain needs no push"
         ),
     ),
     minutes=4,
     covers=("eq-ppo-40", "fig-57", "ex-up-down", "alg-supervised-logprob"),
 )
 
-
-GAE = """
-            def advantages_of_steps(rewards, values, next_values, terminated, truncated, gamma, lam):
-                A, last = np.zeros(len(rewards)), 0.0
-                for t in reversed(range(len(rewards))):
-                    delta = rewards[t] + gamma * next_values[t] * (not terminated[t]) - values[t]
-                    last = delta + gamma * lam * (not (terminated[t] or truncated[t])) * last
-                    A[t] = last
-                return A
-"""
 
 Exercise(
     id="ch08-gae",
@@ -128,40 +112,42 @@ Exercise(
         r"Go backward: $\hat A_t = \delta_t + \gamma \lambda \hat A_{t+1}$, and after the last step there is nothing.",
         "`(not terminated[t])` multiplies the next value; `(not (terminated[t] or truncated[t]))` multiplies what is carried over from the next step.",
     ),
-    solution=GAE,
+    solution="""
+        def advantages_of_steps(rewards, values, next_values, terminated, truncated, gamma, lam):
+            A, last = np.zeros(len(rewards)), 0.0
+            for t in reversed(range(len(rewards))):
+                delta = rewards[t] + gamma * next_values[t] * (not terminated[t]) - values[t]
+                last = delta + gamma * lam * (not (terminated[t] or truncated[t])) * last
+                A[t] = last
+            return A
+    """,
     wrong=(
         Wrong(
-            GAE.replace("next_values[t] * (not terminated[t])", "next_values[t]"),
+            {"next_values[t] * (not terminated[t])": "next_values[t]"},
             "what the network says of a terminal state still counts: nothing follows it, so it is worth 0",
         ),
         Wrong(
-            GAE.replace(
-                "next_values[t] * (not terminated[t])", "next_values[t] * (not (terminated[t] or truncated[t]))"
-            ),
+            {"next_values[t] * (not terminated[t])": "next_values[t] * (not (terminated[t] or truncated[t]))"},
             "truncation is taken for termination: an episode that was only cut would have gone on, so its last state keeps its value",
         ),
         Wrong(
-            GAE.replace(" * (not (terminated[t] or truncated[t]))", ""),
+            {" * (not (terminated[t] or truncated[t]))": ""},
             "the sum runs on into the next episode: stop it where the episode terminated or was cut",
         ),
         Wrong(
-            GAE.replace("(not (terminated[t] or truncated[t]))", "(not terminated[t])"),
+            {"(not (terminated[t] or truncated[t]))": "(not terminated[t])"},
             "the sum runs on where an episode was cut: the next step belongs to another episode",
         ),
         Wrong(
-            GAE.replace("gamma * lam *", "gamma *"),
-            "lambda is missing: this is the return minus the value, as with lambda = 1",
+            {"gamma * lam *": "gamma *"}, "lambda is missing: this is the return minus the value, as with lambda = 1"
         ),
+        Wrong({"gamma * lam *": "lam *"}, "the factor between two steps is gamma times lambda, not lambda alone"),
         Wrong(
-            GAE.replace("gamma * lam *", "lam *"),
-            "the factor between two steps is gamma times lambda, not lambda alone",
-        ),
-        Wrong(
-            GAE.replace("return A", "return A + values"),
+            {"return A": "return A + values"},
             "these are the targets of the value network, the lambda-returns: the advantage is that minus the value",
         ),
         Wrong(
-            GAE.replace("last = delta + gamma * lam * (not (terminated[t] or truncated[t])) * last", "last = delta"),
+            {"last = delta + gamma * lam * (not (terminated[t] or truncated[t])) * last": "last = delta"},
             "these are the errors of single steps, as with lambda = 0: add up those that follow",
         ),
     ),
@@ -220,17 +206,6 @@ Exercise(
 )
 
 
-LIMIT = """
-            def advantages_of_rollout(rewards, values, terminated, truncated, gamma, lam):
-                A, last = np.zeros(rewards.shape), 0.0
-                done = terminated | truncated
-                for t in reversed(range(len(rewards))):
-                    delta = rewards[t] + gamma * values[t + 1] * ~terminated[t] - values[t]
-                    last = delta + gamma * lam * ~done[t] * last
-                    A[t] = last
-                return A
-"""
-
 Exercise(
     id="ch08-bug-time-limit",
     kind="find the bug",
@@ -271,35 +246,36 @@ Exercise(
         "`done` stands in two lines. In which one does it matter whether the state has a future, and in which one only whether the next row belongs to the same episode?",
         "The value of the next state is masked by `terminated` alone; the sum stops at either ending.",
     ),
-    solution=LIMIT,
+    solution="""
+        def advantages_of_rollout(rewards, values, terminated, truncated, gamma, lam):
+            A, last = np.zeros(rewards.shape), 0.0
+            done = terminated | truncated
+            for t in reversed(range(len(rewards))):
+                delta = rewards[t] + gamma * values[t + 1] * ~terminated[t] - values[t]
+                last = delta + gamma * lam * ~done[t] * last
+                A[t] = last
+            return A
+    """,
     wrong=(
         Wrong(
-            LIMIT.replace("~done[t]", "~terminated[t]"),
+            {"~done[t]": "~terminated[t]"},
             "now the advantages of the next episode flow back over the cut: there the sum has to stop",
         ),
         Wrong(
-            LIMIT.replace("~terminated[t]", "(1 - done[t])").replace("~done[t]", "~terminated[t]"),
+            {"~terminated[t]": "(1 - done[t])", "~done[t]": "~terminated[t]"},
             "the other line was right: the two masks are exchanged",
         ),
         Wrong(
-            LIMIT.replace("~terminated[t]", "~truncated[t]"),
-            "the wrong ending is masked: it is the terminal state that is worth 0",
+            {"~terminated[t]": "~truncated[t]"}, "the wrong ending is masked: it is the terminal state that is worth 0"
         ),
         Wrong(
-            LIMIT.replace(" * ~terminated[t]", ""),
-            "now nothing is masked: what the network says of a terminal state must not count",
+            {" * ~terminated[t]": ""}, "now nothing is masked: what the network says of a terminal state must not count"
         ),
     ),
     minutes=6,
     covers=("om-gae", "alg-gae", "om-ppo-box"),
 )
 
-
-NORMALISE = """
-            def normalise(advantages):
-                centred = advantages - advantages.mean()
-                return centred / (advantages.std() + 1e-8)
-"""
 
 Exercise(
     id="ch08-bug-axis",
@@ -323,40 +299,25 @@ Exercise(
         "What does `axis=0` go along? Over how many numbers is each mean taken, and over how many should it be?",
         "Without `axis` both are taken over all the steps of all the environments.",
     ),
-    solution=NORMALISE,
+    solution="""
+        def normalise(advantages):
+            centred = advantages - advantages.mean()
+            return centred / (advantages.std() + 1e-8)
+    """,
     wrong=(
         Wrong(
-            NORMALISE.replace("mean()", "mean(axis=1, keepdims=True)").replace("std()", "std(axis=1, keepdims=True)"),
+            {"mean()": "mean(axis=1, keepdims=True)", "std()": "std(axis=1, keepdims=True)"},
             "still the wrong axis: now each time step is compared with itself only, over the environments",
         ),
-        Wrong(
-            NORMALISE.replace("std()", "std(axis=0)"),
-            "the mean is right, but each environment is still scaled on its own",
-        ),
-        Wrong(
-            NORMALISE.replace("mean()", "mean(axis=0)"),
-            "the scale is right, but each environment is still centred on its own",
-        ),
-        Wrong(
-            NORMALISE.replace("std()", "var()"),
-            "this divides by the variance: the result would not have a spread of 1",
-        ),
-        Wrong(
-            NORMALISE.replace("advantages - advantages.mean()", "advantages"),
-            "the advantages are scaled, but not centred",
-        ),
+        Wrong({"std()": "std(axis=0)"}, "the mean is right, but each environment is still scaled on its own"),
+        Wrong({"mean()": "mean(axis=0)"}, "the scale is right, but each environment is still centred on its own"),
+        Wrong({"std()": "var()"}, "this divides by the variance: the result would not have a spread of 1"),
+        Wrong({"advantages - advantages.mean()": "advantages"}, "the advantages are scaled, but not centred"),
     ),
     minutes=4,
     covers=("om-ppo-box", "alg-ppo-full"),
 )
 
-
-TARGETS = """
-            def prepare(advantages, values):
-                targets = advantages + values
-                advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-                return advantages, targets
-"""
 
 Exercise(
     id="ch08-bug-targets",
@@ -381,24 +342,27 @@ Exercise(
         "Which advantages enter the targets: those of the argument, or those of the line above?",
         "The lines are right, their order is not.",
     ),
-    solution=TARGETS,
+    solution="""
+        def prepare(advantages, values):
+            targets = advantages + values
+            advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+            return advantages, targets
+    """,
     wrong=(
         Wrong(
-            TARGETS.replace("return advantages, targets", "return targets - values, targets"),
+            {"return advantages, targets": "return targets - values, targets"},
             "the targets are right, but the policy gets its advantages unscaled",
         ),
         Wrong(
-            TARGETS.replace("targets = advantages + values", "targets = advantages"),
+            {"targets = advantages + values": "targets = advantages"},
             "the target is the lambda-return: the advantage plus the value that was subtracted from it",
         ),
         Wrong(
-            TARGETS.replace("targets = advantages + values", "targets = values - advantages"),
+            {"targets = advantages + values": "targets = values - advantages"},
             "the sign is turned round: where it went better than expected the value has to grow",
         ),
         Wrong(
-            TARGETS.replace(
-                "return advantages, targets", "return advantages, (targets - targets.mean()) / targets.std()"
-            ),
+            {"return advantages, targets": "return advantages, (targets - targets.mean()) / targets.std()"},
             "the targets are scaled on their own now: the network has to learn returns, in the units of the rewards",
         ),
     ),
@@ -406,12 +370,6 @@ Exercise(
     covers=("om-value-loss", "om-gae", "om-ppo-box"),
 )
 
-
-REAL = """
-            def real_steps(terminated, truncated, over):
-                done = terminated | truncated
-                return ~np.vstack([over, done[:-1]])
-"""
 
 Exercise(
     id="ch08-reset-steps",
@@ -440,30 +398,28 @@ Exercise(
         "The step in which an episode ends is a real one, and holds its last reward. Which row is not?",
         "Shift the endings down by one row: `np.vstack([over, done[:-1]])` is `True` where a row only resets.",
     ),
-    solution=REAL,
+    solution="""
+        def real_steps(terminated, truncated, over):
+            done = terminated | truncated
+            return ~np.vstack([over, done[:-1]])
+    """,
     wrong=(
         Wrong(
-            REAL.replace("np.vstack([over, done[:-1]])", "done"),
+            {"np.vstack([over, done[:-1]])": "done"},
             "the last step of an episode is thrown away, and with it the reward that ended it: it is the next row that only resets",
         ),
+        Wrong({"~np": "np"}, "this marks the rows that only reset: turn it round"),
         Wrong(
-            REAL.replace("~np", "np"),
-            "this marks the rows that only reset: turn it round",
-        ),
-        Wrong(
-            REAL.replace("[over,", "[np.zeros_like(over),"),
+            {"[over,": "[np.zeros_like(over),"},
             "an episode that ended with the rollout before is forgotten: its reset is the first row of this one",
         ),
         Wrong(
-            REAL.replace("np.vstack([over, done[:-1]])", "np.roll(done, 1, axis=0)"),
+            {"np.vstack([over, done[:-1]])": "np.roll(done, 1, axis=0)"},
             "an ending in the last row comes round to the first: that one depends on the rollout before",
         ),
+        Wrong({"terminated | truncated": "terminated"}, "an episode that was cut is reset, too"),
         Wrong(
-            REAL.replace("terminated | truncated", "terminated"),
-            "an episode that was cut is reset, too",
-        ),
-        Wrong(
-            REAL.replace("[over, done[:-1]]", "[done[1:], over]"),
+            {"[over, done[:-1]]": "[done[1:], over]"},
             "the endings are shifted the wrong way: the reset comes after the end, not before it",
         ),
     ),
@@ -512,31 +468,16 @@ Exercise(
             "right for moderate logarithms, but the exponential of -800 is 0: subtract before you take the exponential",
         ),
         Wrong(
-            """
-            def probability_ratio(logp, logp_old):
-                return logp - logp_old
-            """,
+            {"np.exp(logp - logp_old)": "logp - logp_old"},
             "this is the logarithm of the ratio: it is 0, not 1, where nothing has changed",
         ),
         Wrong(
-            """
-            def probability_ratio(logp, logp_old):
-                return logp / logp_old
-            """,
+            {"np.exp(logp - logp_old)": "logp / logp_old"},
             "a quotient of logarithms is not the ratio of the probabilities: subtract them, and take the exponential",
         ),
+        Wrong({"logp - logp_old": "logp_old - logp"}, "the ratio is upside down: the new policy stands on top"),
         Wrong(
-            """
-            def probability_ratio(logp, logp_old):
-                return np.exp(logp_old - logp)
-            """,
-            "the ratio is upside down: the new policy stands on top",
-        ),
-        Wrong(
-            """
-            def probability_ratio(logp, logp_old):
-                return 1 + logp - logp_old
-            """,
+            {"np.exp(logp - logp_old)": "1 + logp - logp_old"},
             "this is the ratio to first order only: good near 1, wrong where the policy has moved",
         ),
     ),
@@ -544,12 +485,6 @@ Exercise(
     covers=("eq-ppo-47", "eq-ppo-48"),
 )
 
-
-DIMENSIONS = """
-            def log_density(mean, log_std, actions):
-                z = (actions - mean) / np.exp(log_std)
-                return (-(z**2) / 2 - log_std - np.log(2 * np.pi) / 2).sum(axis=1)
-"""
 
 Exercise(
     id="ch08-dimensions",
@@ -573,39 +508,27 @@ Exercise(
         r"One number has the logarithm $-z^2 / 2 - \ln \sigma - \ln (2 \pi) / 2$ with $z = (a - \mu) / \sigma$.",
         "The density of the whole action is the product of the densities of its numbers, so its logarithm is their sum, along `axis=1`.",
     ),
-    solution=DIMENSIONS,
+    solution="""
+        def log_density(mean, log_std, actions):
+            z = (actions - mean) / np.exp(log_std)
+            return (-(z**2) / 2 - log_std - np.log(2 * np.pi) / 2).sum(axis=1)
+    """,
     wrong=(
         Wrong(
-            DIMENSIONS.replace(".sum(axis=1)", ""),
+            {".sum(axis=1)": ""},
             "this gives each number of an action a logarithm, and so a ratio, of its own: a step has one, so add along the numbers",
         ),
+        Wrong({"sum": "mean"}, "the mean over the numbers of an action takes a root of its density: add them up"),
+        Wrong({"sum(axis=1)": "sum(axis=0)"}, "this adds up over the steps: add along the numbers of an action"),
+        Wrong({"sum(axis=1)": "sum()"}, "this adds up the steps, too: each has a ratio of its own"),
         Wrong(
-            DIMENSIONS.replace("sum", "mean"),
-            "the mean over the numbers of an action takes a root of its density: add them up",
-        ),
-        Wrong(
-            DIMENSIONS.replace("sum(axis=1)", "sum(axis=0)"),
-            "this adds up over the steps: add along the numbers of an action",
-        ),
-        Wrong(
-            DIMENSIONS.replace("sum(axis=1)", "sum()"),
-            "this adds up the steps, too: each has a ratio of its own",
-        ),
-        Wrong(
-            DIMENSIONS.replace(
-                "(-(z**2) / 2 - log_std - np.log(2 * np.pi) / 2).sum(axis=1)",
-                "-(z**2).sum(axis=1) / 2 - log_std.sum() - np.log(2 * np.pi) / 2",
-            ),
+            {
+                "(-(z**2) / 2 - log_std - np.log(2 * np.pi) / 2).sum(axis=1)": "-(z**2).sum(axis=1) / 2 - log_std.sum() - np.log(2 * np.pi) / 2"
+            },
             "the constant ln(2 pi) / 2 belongs to each number of the action: it is counted once only",
         ),
-        Wrong(
-            DIMENSIONS.replace("sum(axis=1)", "prod(axis=1)"),
-            "densities multiply, so their logarithms add",
-        ),
-        Wrong(
-            DIMENSIONS.replace(" - log_std", ""),
-            "the density is lower where the spread is larger: its logarithm holds - log_std",
-        ),
+        Wrong({"sum(axis=1)": "prod(axis=1)"}, "densities multiply, so their logarithms add"),
+        Wrong({" - log_std": ""}, "the density is lower where the spread is larger: its logarithm holds - log_std"),
     ),
     minutes=6,
     covers=("eq-ppo-47", "alg-ppo-full"),
@@ -614,12 +537,6 @@ Exercise(
 
 # ---------------------------------------------------------------------- clipping
 
-
-CLIP = """
-            def clip_objective(ratio, advantage, clip):
-                clipped = np.clip(ratio, 1 - clip, 1 + clip)
-                return float(np.minimum(ratio * advantage, clipped * advantage).mean())
-"""
 
 Exercise(
     id="ch08-clip",
@@ -648,38 +565,36 @@ Exercise(
         "`np.clip(ratio, 1 - clip, 1 + clip)` is the clipped ratio. Multiply both ratios with the advantage before you compare them.",
         "`np.minimum` takes the lower one of each pair; $\\hat{\\mathbb E}_t$ is the mean over the steps.",
     ),
-    solution=CLIP,
+    solution="""
+        def clip_objective(ratio, advantage, clip):
+            clipped = np.clip(ratio, 1 - clip, 1 + clip)
+            return float(np.minimum(ratio * advantage, clipped * advantage).mean())
+    """,
     wrong=(
         Wrong(
-            CLIP.replace("minimum", "maximum"),
+            {"minimum": "maximum"},
             "min and max are confused: the higher of the two is a bound from above, and never stops a step that goes too far",
         ),
         Wrong(
-            CLIP.replace("np.minimum(ratio * advantage, clipped * advantage)", "(clipped * advantage)"),
+            {"np.minimum(ratio * advantage, clipped * advantage)": "(clipped * advantage)"},
             "only the clipped term is there: a step that has made things worse would have no gradient that leads back",
         ),
         Wrong(
-            CLIP.replace(
-                "np.minimum(ratio * advantage, clipped * advantage)", "(np.minimum(ratio, clipped) * advantage)"
-            ),
+            {"np.minimum(ratio * advantage, clipped * advantage)": "(np.minimum(ratio, clipped) * advantage)"},
             "the lower ratio is not the lower product where the advantage is negative: multiply first",
         ),
         Wrong(
-            CLIP.replace("np.minimum(ratio * advantage, clipped * advantage)", "(ratio * advantage)"),
+            {"np.minimum(ratio * advantage, clipped * advantage)": "(ratio * advantage)"},
             "nothing is clipped: this is the surrogate of (48)",
         ),
         Wrong(
-            CLIP.replace("clipped * advantage", "np.clip(ratio * advantage, 1 - clip, 1 + clip)"),
+            {"clipped * advantage": "np.clip(ratio * advantage, 1 - clip, 1 + clip)"},
             "the product with the advantage is clipped: it is the ratio that has to stay near 1",
         ),
         Wrong(
-            CLIP.replace("float(", "-float("),
-            "this is the loss for an optimizer that descends: the objective itself has no minus",
+            {"float(": "-float("}, "this is the loss for an optimizer that descends: the objective itself has no minus"
         ),
-        Wrong(
-            CLIP.replace(".mean()", ".sum()"),
-            "this adds up over the steps: take the mean",
-        ),
+        Wrong({".mean()": ".sum()"}, "this adds up over the steps: take the mean"),
     ),
     minutes=6,
     covers=("eq-ppo-49", "alg-ppo-clip", "cl-132"),
@@ -777,12 +692,6 @@ Exercise(
 )
 
 
-FLAT = """
-            def clip_slope(ratio, advantage, clip):
-                flat = ((ratio > 1 + clip) & (advantage > 0)) | ((ratio < 1 - clip) & (advantage < 0))
-                return np.where(flat, 0.0, ratio * advantage) / len(ratio)
-"""
-
 Exercise(
     id="ch08-bug-no-way-back",
     kind="find the bug",
@@ -807,30 +716,34 @@ Exercise(
         "The minimum is the clipped term only where this is the lower one. On which side is that, for a positive and for a negative advantage?",
         "Flat: ratio above $1 + \\epsilon$ and advantage positive, or ratio below $1 - \\epsilon$ and advantage negative.",
     ),
-    solution=FLAT,
+    solution="""
+        def clip_slope(ratio, advantage, clip):
+            flat = ((ratio > 1 + clip) & (advantage > 0)) | ((ratio < 1 - clip) & (advantage < 0))
+            return np.where(flat, 0.0, ratio * advantage) / len(ratio)
+    """,
     wrong=(
         Wrong(
-            FLAT.replace("advantage > 0", "advantage <= 0").replace("advantage < 0", "advantage > 0"),
+            {"advantage > 0": "advantage <= 0", "advantage < 0": "advantage > 0"},
             "the sides are exchanged: now only what goes the right way goes on and on, as with max in place of min",
         ),
         Wrong(
-            FLAT.replace(" | ((ratio < 1 - clip) & (advantage < 0))", ""),
+            {" | ((ratio < 1 - clip) & (advantage < 0))": ""},
             "bad actions are pushed down without limit: for them it is flat below 1 - epsilon",
         ),
         Wrong(
-            FLAT.replace("((ratio > 1 + clip) & (advantage > 0)) | ", ""),
+            {"((ratio > 1 + clip) & (advantage > 0)) | ": ""},
             "good actions are pushed up without limit: for them it is flat above 1 + epsilon",
         ),
         Wrong(
-            FLAT.replace(" & (advantage > 0)", "").replace("((ratio < 1 - clip) & (advantage < 0))", "False"),
+            {" & (advantage > 0)": "", "((ratio < 1 - clip) & (advantage < 0))": "False"},
             "it depends on the advantage, too: a bad action far above 1 must come down again",
         ),
         Wrong(
-            FLAT.replace("ratio * advantage)", "advantage)"),
+            {"ratio * advantage)": "advantage)"},
             "this is the derivative with respect to the ratio: with respect to the logarithm it is multiplied by the ratio",
         ),
         Wrong(
-            FLAT.replace(" / len(ratio)", ""),
+            {" / len(ratio)": ""},
             "the flat parts are right; the objective is a mean, so each step counts one part in B",
         ),
     ),
@@ -840,16 +753,6 @@ Exercise(
 
 
 # ---------------------------------------------------------------------- the update
-
-
-MINUS = """
-            def clip_step(h, actions, logp_old, advantage, clip, alpha):
-                p = softmax(h)
-                ratio = np.exp(np.log(p[actions]) - logp_old)
-                flat = ((ratio > 1 + clip) & (advantage > 0)) | ((ratio < 1 - clip) & (advantage < 0))
-                weight = np.where(flat, 0.0, ratio * advantage) / len(ratio)
-                return h + alpha * weight @ (np.eye(len(p))[actions] - p)
-"""
 
 
 def _clip_step(h, actions, logp_old, advantage, clip, alpha):
@@ -889,45 +792,37 @@ Exercise(
         "The objective is to be maximised. Which way along its gradient does the last line go?",
         "A loss is minus the objective, and descent on the loss is ascent on the objective: here there is no loss, only the objective.",
     ),
-    solution=MINUS,
+    solution="""
+        def clip_step(h, actions, logp_old, advantage, clip, alpha):
+            p = softmax(h)
+            ratio = np.exp(np.log(p[actions]) - logp_old)
+            flat = ((ratio > 1 + clip) & (advantage > 0)) | ((ratio < 1 - clip) & (advantage < 0))
+            weight = np.where(flat, 0.0, ratio * advantage) / len(ratio)
+            return h + alpha * weight @ (np.eye(len(p))[actions] - p)
+    """,
     wrong=(
         Wrong(
-            MINUS.replace("p = softmax(h)", "p, advantage = softmax(h), -advantage").replace("h + alpha", "h - alpha"),
+            {"p = softmax(h)": "p, advantage = softmax(h), -advantage", "h + alpha": "h - alpha"},
             "the direction is right again, but with the advantage negated the flat parts have changed sides",
         ),
         Wrong(
-            MINUS.replace("weight @", "np.abs(weight) @"),
-            "now every arm that was pulled becomes more frequent, the bad ones, too",
+            {"weight @": "np.abs(weight) @"}, "now every arm that was pulled becomes more frequent, the bad ones, too"
         ),
         Wrong(
-            MINUS.replace("np.log(p[actions]) - logp_old", "logp_old - np.log(p[actions])"),
+            {"np.log(p[actions]) - logp_old": "logp_old - np.log(p[actions])"},
             "the direction is right, but the ratio is upside down now",
         ),
         Wrong(
-            MINUS.replace("np.where(flat, 0.0, ratio * advantage)", "ratio * advantage"),
+            {"np.where(flat, 0.0, ratio * advantage)": "ratio * advantage"},
             "the direction is right, but nothing is clipped any more",
         ),
         Wrong(
-            MINUS.replace(" / len(ratio)", ""),
-            "the direction is right, but the sum of the steps has taken the place of their mean",
+            {" / len(ratio)": ""}, "the direction is right, but the sum of the steps has taken the place of their mean"
         ),
     ),
     minutes=5,
     covers=("eq-ppo-41", "eq-ppo-49", "alg-ppo-clip", "cl-121"),
 )
-
-
-EPOCHS = """
-            def clip_epochs(h, actions, advantage, clip, alpha, n_epochs):
-                logp_old = np.log(softmax(h)[actions])
-                for _ in range(n_epochs):
-                    p = softmax(h)
-                    ratio = np.exp(np.log(p[actions]) - logp_old)
-                    flat = ((ratio > 1 + clip) & (advantage > 0)) | ((ratio < 1 - clip) & (advantage < 0))
-                    weight = np.where(flat, 0.0, ratio * advantage) / len(ratio)
-                    h = h + alpha * weight @ (np.eye(len(p))[actions] - p)
-                return h
-"""
 
 
 def _clip_epochs(h, actions, advantage, clip, alpha, n_epochs):
@@ -966,28 +861,36 @@ Exercise(
         "Print `ratio` in each epoch. What should it be in the first one, and what in the others?",
         "The old policy is the one that pulled the arms: it stays as it was until new data come.",
     ),
-    solution=EPOCHS,
+    solution="""
+        def clip_epochs(h, actions, advantage, clip, alpha, n_epochs):
+            logp_old = np.log(softmax(h)[actions])
+            for _ in range(n_epochs):
+                p = softmax(h)
+                ratio = np.exp(np.log(p[actions]) - logp_old)
+                flat = ((ratio > 1 + clip) & (advantage > 0)) | ((ratio < 1 - clip) & (advantage < 0))
+                weight = np.where(flat, 0.0, ratio * advantage) / len(ratio)
+                h = h + alpha * weight @ (np.eye(len(p))[actions] - p)
+            return h
+    """,
     wrong=(
         Wrong(
-            EPOCHS.replace("    return h", "        logp_old = np.log(p[actions])\n                return h"),
+            {"    return h": "        logp_old = np.log(p[actions])\n    return h"},
             "the old policy is that of the epoch before: it has to be the one that pulled the arms, through all epochs",
         ),
         Wrong(
-            EPOCHS.replace("np.where(flat, 0.0, ratio * advantage)", "ratio * advantage"),
+            {"np.where(flat, 0.0, ratio * advantage)": "ratio * advantage"},
             "the old policy is right now, but nothing is clipped any more",
         ),
         Wrong(
-            EPOCHS.replace("p = softmax(h)\n", "p = softmax(h) if _ == 0 else p\n"),
+            {"p = softmax(h)\n": "p = softmax(h) if _ == 0 else p\n"},
             "now the new policy stays as it was, too: its probabilities belong into the loop",
         ),
         Wrong(
-            EPOCHS.replace("np.log(p[actions]) - logp_old", "logp_old - np.log(p[actions])"),
+            {"np.log(p[actions]) - logp_old": "logp_old - np.log(p[actions])"},
             "the old policy is right, but the ratio is upside down now",
         ),
         Wrong(
-            EPOCHS.replace(
-                "weight = np.where(flat, 0.0, ratio * advantage)", "weight = np.where(flat, 0.0, advantage)"
-            ),
+            {"weight = np.where(flat, 0.0, ratio * advantage)": "weight = np.where(flat, 0.0, advantage)"},
             "the old policy is right, but the gradient has lost its factor, the ratio, which is no longer 1",
         ),
     ),
@@ -995,12 +898,6 @@ Exercise(
     covers=("om-ppo-box", "eq-ppo-47", "alg-ppo-clip", "cl-137"),
 )
 
-
-LOSS = """
-            def full_loss(l_clip, v, target, entropy, c1, c2):
-                value_loss = ((v - target) ** 2).mean()
-                return float(-(l_clip.mean() - c1 * value_loss + c2 * entropy.mean()))
-"""
 
 Exercise(
     id="ch08-full-loss",
@@ -1025,33 +922,32 @@ Exercise(
         "What should grow: the clipped term? The squared error? The entropy?",
         "Write down the objective as (50) has it, and put a minus before the whole.",
     ),
-    solution=LOSS,
+    solution="""
+        def full_loss(l_clip, v, target, entropy, c1, c2):
+            value_loss = ((v - target) ** 2).mean()
+            return float(-(l_clip.mean() - c1 * value_loss + c2 * entropy.mean()))
+    """,
     wrong=(
         Wrong(
-            LOSS.replace("float(-(", "float(("),
+            {"float(-(": "float(("},
             "the minus is missing: an optimizer that descends on the objective makes it as small as it can",
         ),
         Wrong(
-            LOSS.replace("+ c2", "- c2"),
-            "the entropy has the wrong sign: it is a bonus, and this punishes a policy for exploring",
+            {"+ c2": "- c2"}, "the entropy has the wrong sign: it is a bonus, and this punishes a policy for exploring"
         ),
+        Wrong({"- c1": "+ c1"}, "the value loss has the wrong sign: the network would flee from its targets"),
         Wrong(
-            LOSS.replace("- c1", "+ c1"),
-            "the value loss has the wrong sign: the network would flee from its targets",
-        ),
-        Wrong(
-            LOSS.replace(
-                "-(l_clip.mean() - c1 * value_loss + c2 * entropy.mean())",
-                "-l_clip.mean() - c1 * value_loss + c2 * entropy.mean()",
-            ),
+            {
+                "-(l_clip.mean() - c1 * value_loss + c2 * entropy.mean())": "-l_clip.mean() - c1 * value_loss + c2 * entropy.mean()"
+            },
             "the minus stands before the first term only: it belongs before the whole",
         ),
         Wrong(
-            LOSS.replace("c1 * value_loss + c2 *", "c2 * value_loss + c1 *"),
+            {"c1 * value_loss + c2 *": "c2 * value_loss + c1 *"},
             "the two coefficients are swapped: c1 belongs to the values, c2 to the entropy",
         ),
         Wrong(
-            LOSS.replace("** 2).mean()", "** 2).mean() / 2"),
+            {"** 2).mean()": "** 2).mean() / 2"},
             "half the squared error is another convention: (50) has the whole, and c1 for its weight",
         ),
     ),
@@ -1059,13 +955,6 @@ Exercise(
     covers=("eq-ppo-50", "om-value-loss", "alg-ppo-full"),
 )
 
-
-ENTROPY = """
-            def bonus_step(h, c2, alpha):
-                p = softmax(h)
-                S = -(p @ np.log(p))
-                return h + alpha * c2 * -p * (np.log(p) + S)
-"""
 
 Exercise(
     id="ch08-bug-entropy",
@@ -1090,28 +979,27 @@ Exercise(
         "Take two actions, one of them nearly certain. Which preference does the last line raise?",
         r"The derivative of $S$ with respect to the preference of $a$ is $-\pi(a) (\ln \pi(a) + S)$: positive for a rare action.",
     ),
-    solution=ENTROPY,
+    solution="""
+        def bonus_step(h, c2, alpha):
+            p = softmax(h)
+            S = -(p @ np.log(p))
+            return h + alpha * c2 * -p * (np.log(p) + S)
+    """,
     wrong=(
         Wrong(
-            ENTROPY.replace("(np.log(p) + S)", "np.log(p)"),
+            {"(np.log(p) + S)": "np.log(p)"},
             "the sign is right; the entropy itself is missing in the derivative, and with it all preferences would grow together",
         ),
         Wrong(
-            ENTROPY.replace("(np.log(p) + S)", "(np.log(p) + 1)"),
+            {"(np.log(p) + S)": "(np.log(p) + 1)"},
             "this is the derivative with respect to the probability, times it: all probabilities change with one preference",
         ),
+        Wrong({"-p * (np.log(p) + S)": "-(np.log(p) + S)"}, "the sign is right, but the probability is missing"),
         Wrong(
-            ENTROPY.replace("-p * (np.log(p) + S)", "-(np.log(p) + S)"),
-            "the sign is right, but the probability is missing",
-        ),
-        Wrong(
-            ENTROPY.replace("-p * (np.log(p) + S)", "(1 / len(p) - p)"),
+            {"-p * (np.log(p) + S)": "(1 / len(p) - p)"},
             "this leads to the uniform policy, too, but up another hill: it is the gradient of the mean of ln pi, not of the entropy",
         ),
-        Wrong(
-            ENTROPY.replace("S = -(p", "S = (p"),
-            "the entropy itself has the wrong sign now: it is never negative",
-        ),
+        Wrong({"S = -(p": "S = (p"}, "the entropy itself has the wrong sign now: it is never negative"),
     ),
     minutes=5,
     covers=("eq-ppo-50", "ex-entropy", "cl-142"),
@@ -1164,12 +1052,6 @@ Exercise(
 )
 
 
-MEAN_KL = """
-            def average_kl(old, new):
-                used = np.where(old > 0, old, 1.0)
-                return float((old * (np.log(used) - np.log(new))).sum(axis=1).mean())
-"""
-
 Exercise(
     id="ch08-mean-kl",
     kind="fill in",
@@ -1195,7 +1077,11 @@ Exercise(
         r"In each state $\sum_a \pi_{old}(a) (\ln \pi_{old}(a) - \ln \pi(a))$, then the mean over the states.",
         "An action that the old policy never takes adds 0. `np.where(old > 0, old, 1.0)` keeps its logarithm finite.",
     ),
-    solution=MEAN_KL,
+    solution="""
+        def average_kl(old, new):
+            used = np.where(old > 0, old, 1.0)
+            return float((old * (np.log(used) - np.log(new))).sum(axis=1).mean())
+    """,
     wrong=(
         Wrong(
             """
@@ -1214,19 +1100,16 @@ Exercise(
             "right where the old policy gives every action a chance; 0 times the logarithm of 0 is NaN: these actions add 0",
         ),
         Wrong(
-            MEAN_KL.replace(".mean()", ".max()"),
+            {".mean()": ".max()"},
             "this is the largest KL of any state: it belongs to the bound of the theory, (45) has the mean",
         ),
         Wrong(
-            MEAN_KL.replace(".sum(axis=1).mean()", ".mean()"),
+            {".sum(axis=1).mean()": ".mean()"},
             "the mean is taken over the actions, too: add them up, then take the mean over the states",
         ),
+        Wrong({".sum(axis=1).mean()": ".sum()"}, "this adds up over the states: take the mean"),
         Wrong(
-            MEAN_KL.replace(".sum(axis=1).mean()", ".sum()"),
-            "this adds up over the states: take the mean",
-        ),
-        Wrong(
-            MEAN_KL.replace("np.log(used) - np.log(new)", "np.log(new) - np.log(used)"),
+            {"np.log(used) - np.log(new)": "np.log(new) - np.log(used)"},
             "the sign is turned round: a KL is never negative",
         ),
     ),
@@ -1238,13 +1121,6 @@ Exercise(
 def _sigmoid(z):
     return 1 / (1 + np.exp(-z))
 
-
-DISTANCE = """
-            def kl(a, b):
-                p, q = 1 / (1 + np.exp(-a)), 1 / (1 + np.exp(-b))
-                return float(p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q)))
-            distances = (kl(0, 1), kl(6, 7))
-"""
 
 Exercise(
     id="ch08-predict-distances",
@@ -1260,40 +1136,35 @@ Exercise(
         r"The probabilities are 0.5 and 0.731 in the first step, 0.99753 and 0.99909 in the second.",
         r"Both actions count: $p \ln (p / q) + (1 - p) \ln ((1 - p) / (1 - q))$, with the old policy's $p$.",
     ),
-    solution=DISTANCE,
+    solution="""
+        def kl(a, b):
+            p, q = 1 / (1 + np.exp(-a)), 1 / (1 + np.exp(-b))
+            return float(p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q)))
+        distances = (kl(0, 1), kl(6, 7))
+    """,
     wrong=(
         Wrong(
-            DISTANCE.replace("(kl(0, 1), kl(6, 7))", "(kl(1, 0), kl(7, 6))"),
+            {"(kl(0, 1), kl(6, 7))": "(kl(1, 0), kl(7, 6))"},
             "the KL is the wrong way round: the old policy is the one before the step",
         ),
         Wrong(
-            DISTANCE.replace("(kl(0, 1), kl(6, 7))", "(kl(0, 1), kl(0, 1))"),
+            {"(kl(0, 1), kl(6, 7))": "(kl(0, 1), kl(0, 1))"},
             "the steps are equally long in the parameter, not in the policy: at 6 it is nearly certain already",
         ),
         Wrong(
-            DISTANCE.replace(" + (1 - p) * np.log((1 - p) / (1 - q))", ""),
+            {" + (1 - p) * np.log((1 - p) / (1 - q))": ""},
             "the second action is missing: what one becomes more frequent, the other becomes rarer",
         ),
         Wrong(
-            DISTANCE.replace("float(p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q)))", "float(q - p)"),
+            {"float(p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q)))": "float(q - p)"},
             "this is the change of the probability: the KL compares logarithms",
         ),
-        Wrong(
-            DISTANCE.replace("(kl(0, 1), kl(6, 7))", "(kl(6, 7), kl(0, 1))"),
-            "the two are swapped: the first step starts at 0",
-        ),
+        Wrong({"(kl(0, 1), kl(6, 7))": "(kl(6, 7), kl(0, 1))"}, "the two are swapped: the first step starts at 0"),
     ),
     minutes=6,
     covers=("cl-123", "ex-distance"),
 )
 
-
-PENALTY = """
-            def penalised_gradient(h, h_old, a, advantage, beta):
-                p, p_old = softmax(h), softmax(h_old)
-                ratio = p[a] / p_old[a]
-                return ratio * advantage * (np.eye(len(p))[a] - p) - beta * (p - p_old)
-"""
 
 Exercise(
     id="ch08-penalty",
@@ -1326,49 +1197,34 @@ Exercise(
         r"The gradient of the ratio is the ratio times the score, $1_{a = b} - \pi(b)$.",
         r"The gradient of $KL[\pi_{old}, \pi]$ with respect to the preferences of the new policy is $\pi - \pi_{old}$: its sum over the old policy's actions leaves nothing else.",
     ),
-    solution=PENALTY,
+    solution="""
+        def penalised_gradient(h, h_old, a, advantage, beta):
+            p, p_old = softmax(h), softmax(h_old)
+            ratio = p[a] / p_old[a]
+            return ratio * advantage * (np.eye(len(p))[a] - p) - beta * (p - p_old)
+    """,
     wrong=(
         Wrong(
-            PENALTY.replace("- beta", "+ beta"),
-            "the penalty has the wrong sign: it pushes the policy away from the old one, not back",
+            {"- beta": "+ beta"}, "the penalty has the wrong sign: it pushes the policy away from the old one, not back"
         ),
+        Wrong({"ratio * advantage": "advantage"}, "the ratio is missing: it is 1 at the old policy only"),
         Wrong(
-            PENALTY.replace("ratio * advantage", "advantage"),
-            "the ratio is missing: it is 1 at the old policy only",
-        ),
-        Wrong(
-            PENALTY.replace("(p - p_old)", "p * (np.log(p / p_old) - p @ np.log(p / p_old))"),
+            {"(p - p_old)": "p * (np.log(p / p_old) - p @ np.log(p / p_old))"},
             "this penalises the KL the wrong way round: (46) has the old policy first",
         ),
         Wrong(
-            PENALTY.replace("- beta * (p - p_old)", "- beta * (h - h_old)"),
+            {"- beta * (p - p_old)": "- beta * (h - h_old)"},
             "this pulls the parameters back, not the policy: distances of the two are not the same",
         ),
         Wrong(
-            PENALTY.replace("np.eye(len(p))[a] - p)", "np.eye(len(p))[a])"),
+            {"np.eye(len(p))[a] - p)": "np.eye(len(p))[a])"},
             "the score lacks the probabilities: when one preference grows, the other actions become rarer",
         ),
-        Wrong(
-            PENALTY.replace(" - beta * (p - p_old)", ""),
-            "the penalty is missing: this is the gradient of (44)",
-        ),
+        Wrong({" - beta * (p - p_old)": ""}, "the penalty is missing: this is the gradient of (44)"),
     ),
     minutes=10,
     covers=("eq-ppo-46", "alg-kl-penalty"),
 )
-
-
-BETA = """
-            def betas(beta, kls, d_target):
-                history = [beta]
-                for d in kls:
-                    if d < d_target / 1.5:
-                        beta = beta / 2
-                    elif d > 1.5 * d_target:
-                        beta = 2 * beta
-                    history.append(beta)
-                return np.array(history)
-"""
 
 
 def _betas(beta, kls, d_target):
@@ -1403,34 +1259,40 @@ Exercise(
         "If the policy moved too far, should the penalty be larger or smaller?",
         "`if ... elif ...` inside the loop, and an `append` after it, whatever happened.",
     ),
-    solution=BETA,
+    solution="""
+        def betas(beta, kls, d_target):
+            history = [beta]
+            for d in kls:
+                if d < d_target / 1.5:
+                    beta = beta / 2
+                elif d > 1.5 * d_target:
+                    beta = 2 * beta
+                history.append(beta)
+            return np.array(history)
+    """,
     wrong=(
         Wrong(
-            BETA.replace("if d < d_target / 1.5", "if d > 1.5 * d_target").replace(
-                "elif d > 1.5 * d_target", "elif d < d_target / 1.5"
-            ),
+            {"if d < d_target / 1.5": "if d > 1.5 * d_target", "elif d > 1.5 * d_target": "elif d < d_target / 1.5"},
             "the wrong way: where the policy moved too far the penalty has to grow",
         ),
         Wrong(
-            BETA.replace("d_target / 1.5", "d_target").replace("1.5 * d_target", "d_target"),
+            {"d_target / 1.5": "d_target", "1.5 * d_target": "d_target"},
             "there is no zone in which beta stays: it is left as it is while d is within a factor of 1.5 of the target",
         ),
         Wrong(
-            BETA.replace("beta / 2", "beta / 1.5").replace("2 * beta", "1.5 * beta"),
+            {"beta / 2": "beta / 1.5", "2 * beta": "1.5 * beta"},
             "1.5 belongs to the comparison: beta itself is halved or doubled",
         ),
         Wrong(
-            BETA.replace("d_target / 1.5", "d_target / 2").replace("1.5 * d_target", "2 * d_target"),
+            {"d_target / 1.5": "d_target / 2", "1.5 * d_target": "2 * d_target"},
             "2 belongs to beta: the comparison is with a factor of 1.5",
         ),
         Wrong(
-            BETA.replace("beta = beta / 2", "beta = history[0] / 2").replace(
-                "beta = 2 * beta", "beta = 2 * history[0]"
-            ),
+            {"beta = beta / 2": "beta = history[0] / 2", "beta = 2 * beta": "beta = 2 * history[0]"},
             "each change starts again from the first beta: it has to start from the last one",
         ),
         Wrong(
-            BETA.replace("d_target / 1.5", "d_target * 1.5").replace("d > 1.5 * d_target", "d > d_target / 1.5"),
+            {"d_target / 1.5": "d_target * 1.5", "d > 1.5 * d_target": "d > d_target / 1.5"},
             "the bounds are exchanged: halve below d_target / 1.5, double above 1.5 d_target",
         ),
     ),
@@ -1440,19 +1302,6 @@ Exercise(
 
 
 # ---------------------------------------------------------------------- trust regions
-
-
-CG = """
-            def solve_by_products(H, b, n_steps):
-                x, r, p = np.zeros(len(b)), b, b
-                for _ in range(n_steps):
-                    alpha = (r @ r) / (p @ H @ p)
-                    x = x + alpha * p
-                    r_next = r - alpha * (H @ p)
-                    p = r_next + (r_next @ r_next) / (r @ r) * p
-                    r = r_next
-                return x
-"""
 
 
 def _spd(rng, n):
@@ -1483,14 +1332,24 @@ Exercise(
         "Keep the new residual under a name of its own: the next direction needs both $r \\cdot r$.",
         "`p = r_next + (r_next @ r_next) / (r @ r) * p`, and only then `r = r_next`.",
     ),
-    solution=CG,
+    solution="""
+        def solve_by_products(H, b, n_steps):
+            x, r, p = np.zeros(len(b)), b, b
+            for _ in range(n_steps):
+                alpha = (r @ r) / (p @ H @ p)
+                x = x + alpha * p
+                r_next = r - alpha * (H @ p)
+                p = r_next + (r_next @ r_next) / (r @ r) * p
+                r = r_next
+            return x
+    """,
     wrong=(
         Wrong(
-            CG.replace(" + (r_next @ r_next) / (r @ r) * p", ""),
+            {" + (r_next @ r_next) / (r @ r) * p": ""},
             "each direction is the residual alone: that is steepest descent, which undoes what the steps before achieved",
         ),
         Wrong(
-            CG.replace("(r_next @ r_next) / (r @ r)", "(r @ r) / (r_next @ r_next)"),
+            {"(r_next @ r_next) / (r @ r)": "(r @ r) / (r_next @ r_next)"},
             "the factor of the last direction is upside down: the new residual belongs on top",
         ),
         Wrong(
@@ -1500,29 +1359,19 @@ Exercise(
             """,
             "this is the exact answer, for which H itself has to be at hand: stop after n_steps products",
         ),
+        Wrong({"p @ H @ p": "p @ p"}, "the step ignores the curvature: divide by p . H p"),
         Wrong(
-            CG.replace("p @ H @ p", "p @ p"),
-            "the step ignores the curvature: divide by p . H p",
-        ),
-        Wrong(
-            CG.replace("r_next + (r_next @ r_next) / (r @ r) * p", "r_next + p"),
+            {"r_next + (r_next @ r_next) / (r @ r) * p": "r_next + p"},
             "the last direction enters in full: weight it with the quotient of the squared residuals",
         ),
         Wrong(
-            CG.replace("r_next = r - alpha * (H @ p)", "r_next = b - alpha * (H @ p)"),
+            {"r_next = r - alpha * (H @ p)": "r_next = b - alpha * (H @ p)"},
             "each step takes its part from the residual that is left, not from b",
         ),
     ),
     minutes=10,
     covers=("om-trpo-step", "alg-trpo"),
 )
-
-
-STEP = """
-            def natural_step(g, H, delta):
-                x = np.linalg.solve(H, g)
-                return np.sqrt(2 * delta / (x @ H @ x)) * x
-"""
 
 
 def _natural_step(g, H, delta):
@@ -1550,48 +1399,37 @@ Exercise(
         r"Put $s = c x$ into $\frac 1 2 s \cdot H s = \delta$, and solve for $c$.",
         r"$c = \sqrt{2 \delta / (x \cdot H x)}$.",
     ),
-    solution=STEP,
+    solution="""
+        def natural_step(g, H, delta):
+            x = np.linalg.solve(H, g)
+            return np.sqrt(2 * delta / (x @ H @ x)) * x
+    """,
     wrong=(
         Wrong(
-            STEP.replace("2 * delta", "delta"),
+            {"2 * delta": "delta"},
             "the 2 is missing: half of s . H s is the KL, so this step uses half of what is allowed",
         ),
         Wrong(
-            STEP.replace("np.sqrt(2 * delta / (x @ H @ x))", "(2 * delta / (x @ H @ x))"),
+            {"np.sqrt(2 * delta / (x @ H @ x))": "(2 * delta / (x @ H @ x))"},
             "the square root is missing: the KL grows with the square of the step",
         ),
         Wrong(
-            STEP.replace("np.linalg.solve(H, g)", "g"),
+            {"np.linalg.solve(H, g)": "g"},
             "the length is right, but this is the plain gradient: the natural one solves H x = g",
         ),
+        Wrong({"x @ H @ x": "x @ x"}, "this fixes the length in the parameters: the KL measures it with H"),
         Wrong(
-            STEP.replace("x @ H @ x", "x @ x"),
-            "this fixes the length in the parameters: the KL measures it with H",
-        ),
-        Wrong(
-            STEP.replace("np.linalg.solve(H, g)", "H @ g"),
+            {"np.linalg.solve(H, g)": "H @ g"},
             "the gradient is multiplied by H: solve H x = g, so that directions in which the policy hardly changes go farther",
         ),
         Wrong(
-            STEP.replace("np.sqrt(2 * delta / (x @ H @ x)) * x", "x"),
+            {"np.sqrt(2 * delta / (x @ H @ x)) * x": "x"},
             "this is the direction only: scale it so that the KL is delta",
         ),
     ),
     minutes=8,
     covers=("om-trpo-step", "alg-trpo", "eq-ppo-45"),
 )
-
-
-SEARCH = """
-            def line_search(h, step, advantage, delta, n_tries):
-                old = softmax(h)
-                for k in range(n_tries):
-                    new = softmax(h + 0.5**k * step)
-                    kl = old @ np.log(old / new)
-                    if new @ advantage > old @ advantage and kl <= delta:
-                        return h + 0.5**k * step
-                return h
-"""
 
 
 def _line_search(h, step, advantage, delta, n_tries):
@@ -1643,26 +1481,38 @@ Exercise(
         "Two things have to hold before a length is accepted. Which argument is never used?",
         "`old @ np.log(old / new)` is the KL of (45).",
     ),
-    solution=SEARCH,
+    solution="""
+        def line_search(h, step, advantage, delta, n_tries):
+            old = softmax(h)
+            for k in range(n_tries):
+                new = softmax(h + 0.5**k * step)
+                kl = old @ np.log(old / new)
+                if new @ advantage > old @ advantage and kl <= delta:
+                    return h + 0.5**k * step
+            return h
+    """,
     wrong=(
         Wrong(
-            SEARCH.replace("new @ advantage > old @ advantage and kl", "kl"),
+            {"new @ advantage > old @ advantage and kl": "kl"},
             "now the KL is checked, but no longer that the surrogate is better than before",
         ),
         Wrong(
-            SEARCH.replace("old @ np.log(old / new)", "new @ np.log(new / old)"),
+            {"old @ np.log(old / new)": "new @ np.log(new / old)"},
             "the KL is the wrong way round: the constraint has the old policy first",
         ),
         Wrong(
-            SEARCH.replace("return h\n", "return h + 0.5**k * step\n"),
+            {"step\n    return h": "step\n    return h + 0.5**k * step"},
             "where no length is good enough the last one is taken all the same: then h has to stay",
         ),
         Wrong(
-            SEARCH.replace("0.5**k", "0.5**(k + 1)"),
+            {
+                "softmax(h + 0.5**k * step)": "softmax(h + 0.5**(k + 1) * step)",
+                "return h + 0.5**k": "return h + 0.5**(k + 1)",
+            },
             "the full step is never tried: the first length is the whole",
         ),
         Wrong(
-            SEARCH.replace(" and kl <= delta", " or kl <= delta"),
+            {" and kl <= delta": " or kl <= delta"},
             "one of the two is not enough: the surrogate has to be better, and the KL small",
         ),
     ),
@@ -1673,13 +1523,6 @@ Exercise(
 
 # ---------------------------------------------------------------------- tables and claims
 
-
-SCORES = """
-            def table_scores(returns, random):
-                above = returns - random[:, None]
-                best = above.max(axis=(0, 2))
-                return (above / best[:, None]).mean(axis=(1, 2))
-"""
 
 Exercise(
     id="ch08-build-score",
@@ -1712,36 +1555,38 @@ Exercise(
         "First take the random policy away, task by task: `returns - random[:, None]`.",
         "The best run of a task is the largest number over all settings and seeds: `max(axis=(0, 2))`.",
     ),
-    solution=SCORES,
+    solution="""
+        def table_scores(returns, random):
+            above = returns - random[:, None]
+            best = above.max(axis=(0, 2))
+            return (above / best[:, None]).mean(axis=(1, 2))
+    """,
     wrong=(
         Wrong(
-            SCORES.replace("above.max(axis=(0, 2))", "np.full(len(random), above.max())"),
+            {"above.max(axis=(0, 2))": "np.full(len(random), above.max())"},
             "all tasks are divided by the same number: those with large returns decide alone",
         ),
         Wrong(
-            SCORES.replace("above.max(axis=(0, 2))", "above.mean(axis=2).max(axis=0)"),
+            {"above.max(axis=(0, 2))": "above.mean(axis=2).max(axis=0)"},
             "this gives 1 to the best setting, averaged over its seeds: the best single run should get it",
         ),
         Wrong(
-            SCORES.replace("returns - random[:, None]", "returns - returns.min(axis=(0, 2))[:, None]"),
+            {"returns - random[:, None]": "returns - returns.min(axis=(0, 2))[:, None]"},
             "0 goes to the worst run: the random policy should get it, and a setting may well be below",
         ),
         Wrong(
-            SCORES.replace("(above / best[:, None])", "(above / above.max(axis=2, keepdims=True))"),
+            {"(above / best[:, None])": "(above / above.max(axis=2, keepdims=True))"},
             "each setting is compared with its own best run: compare it with the best of all settings",
         ),
         Wrong(
-            SCORES.replace("returns - random[:, None]", "returns"),
+            {"returns - random[:, None]": "returns"},
             "the random policy is not taken away: some tasks give a lot, or nothing but costs, for doing nothing",
         ),
         Wrong(
-            SCORES.replace("mean(axis=(1, 2))", "max(axis=2).mean(axis=1)"),
+            {"mean(axis=(1, 2))": "max(axis=2).mean(axis=1)"},
             "this keeps the luckiest seed of each task: take the mean over all of them",
         ),
-        Wrong(
-            SCORES.replace("axis=(1, 2)", "axis=(0, 2)"),
-            "these are the scores of the tasks: take the mean over tasks and seeds",
-        ),
+        Wrong({"axis=(1, 2)": "axis=(0, 2)"}, "these are the scores of the tasks: take the mean over tasks and seeds"),
     ),
     minutes=8,
     covers=("fig-61", "table-figure-61", "ex-ppo-table"),
@@ -1759,19 +1604,6 @@ def _violations():
     return tuple(int((etas < bound - 1e-9).sum()) for bound in bounds)
 
 
-BOUND = """
-            mdp, rng = recycling_robot(), np.random.default_rng(0)
-            old = old_policy(mdp, mdp.legal / mdp.legal.sum(axis=1, keepdims=True), 0.9)
-            pis = rng.random((500, 2, 3)) * mdp.legal
-            pis = pis / pis.sum(axis=2, keepdims=True)
-            etas = np.array([eta(mdp, pi, 0.9) for pi in pis])
-            broken = []
-            for bound in (lower_bound(old, pis), local_performance(old, pis) - mean_kl(old, pis)):
-                broken.append(int((etas < bound - 1e-9).sum()))
-            word = "confirmed" if broken[1] == 0 else "refuted"
-            verdict_bound = (word, *broken)
-"""
-
 Exercise(
     id="ch08-claim-bound",
     kind="experiment",
@@ -1788,26 +1620,31 @@ Exercise(
         "`np.array([eta(mdp, pi, 0.9) for pi in pis])` has the 500 performances; the other functions take all policies at once.",
         "A bound that is broken once is none.",
     ),
-    solution=BOUND,
+    solution="""
+        mdp, rng = recycling_robot(), np.random.default_rng(0)
+        old = old_policy(mdp, mdp.legal / mdp.legal.sum(axis=1, keepdims=True), 0.9)
+        pis = rng.random((500, 2, 3)) * mdp.legal
+        pis = pis / pis.sum(axis=2, keepdims=True)
+        etas = np.array([eta(mdp, pi, 0.9) for pi in pis])
+        broken = []
+        for bound in (lower_bound(old, pis), local_performance(old, pis) - mean_kl(old, pis)):
+            broken.append(int((etas < bound - 1e-9).sum()))
+        word = "confirmed" if broken[1] == 0 else "refuted"
+        verdict_bound = (word, *broken)
+    """,
     wrong=(
         Wrong(
-            BOUND.replace("broken[1] == 0", "broken[0] == 0"),
+            {"broken[1] == 0": "broken[0] == 0"},
             "the numbers are right: the theory's bound holds, but the claim is about (46), with the mean KL and any beta",
         ),
+        Wrong({"*broken)": "*broken[::-1])"}, "the two counts are swapped: that of the theory comes first"),
         Wrong(
-            BOUND.replace("*broken)", "*broken[::-1])"),
-            "the two counts are swapped: that of the theory comes first",
-        ),
-        Wrong(
-            BOUND.replace("etas < bound - 1e-9", "etas > bound + 1e-9"),
+            {"etas < bound - 1e-9": "etas > bound + 1e-9"},
             "these are the policies for which the bound holds: count those whose performance is below it",
         ),
+        Wrong({"- mean_kl(old, pis)": "+ mean_kl(old, pis)"}, "the KL has to be subtracted from the local performance"),
         Wrong(
-            BOUND.replace("- mean_kl(old, pis)", "+ mean_kl(old, pis)"),
-            "the KL has to be subtracted from the local performance",
-        ),
-        Wrong(
-            BOUND.replace(" - mean_kl(old, pis)", ""),
+            {" - mean_kl(old, pis)": ""},
             "the penalty is missing in the second bound: without any it is broken more often",
         ),
     ),

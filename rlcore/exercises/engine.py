@@ -35,9 +35,13 @@ class Case:
 
 @dataclass(frozen=True)
 class Wrong:
-    """A usual mistake: an answer that makes it, and the message that it must get."""
+    """A usual mistake: an answer that makes it, and the message that it must get.
 
-    source: str
+    source: a program, or dict of text of the solution -> what replaces it; each text must occur exactly once. The
+    Exercise turns a dict into the program.
+    """
+
+    source: str | dict
     message: str
 
 
@@ -68,7 +72,7 @@ class Exercise:
     def __post_init__(self):
         for part in ("statement", "stub", "solution", "setup"):
             object.__setattr__(self, part, textwrap.dedent(getattr(self, part)).strip())
-        wrong = tuple(Wrong(textwrap.dedent(w.source).strip(), " ".join(w.message.split())) for w in self.wrong)
+        wrong = tuple(Wrong(self._program(w.source), " ".join(w.message.split())) for w in self.wrong)
         object.__setattr__(self, "wrong", wrong)
         object.__setattr__(self, "hints", tuple(" ".join(textwrap.dedent(h).split()) for h in self.hints))
         scope = {}
@@ -85,6 +89,16 @@ class Exercise:
             if not fine:
                 raise ValueError(f"exercise {self.id}: {problem}")
         EXERCISES[self.id] = self
+
+    def _program(self, source):
+        if isinstance(source, str):
+            return textwrap.dedent(source).strip()
+        program = self.solution
+        for old, new in source.items():
+            if not self.solution.count(old) == program.count(old) == 1:
+                raise ValueError(f"exercise {self.id}: {old!r} must occur exactly once in the solution")
+            program = program.replace(old, new)
+        return program
 
     @staticmethod
     def _bound(source):
