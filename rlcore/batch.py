@@ -110,7 +110,7 @@ def _sums(batch, x, each, to=None):
 
 def _sweep(increments, V, alpha, tol, max_sweeps):
     """V after sweeps V + alpha increments(V), until none changes an entry by tol."""
-    alpha, max_sweeps = check_rate(alpha), check_count("max_sweeps", max_sweeps)
+    alpha, max_sweeps = check_rate("alpha", alpha), check_count("max_sweeps", max_sweeps)
     if not is_number(tol) or not tol > 0:
         raise ValueError(f"tol: got {tol!r}, must be positive")
     for _ in range(max_sweeps):

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 
+from rlcore.core.chains import chain, reaches, require_end_of, solve_system
 from rlcore.core.checks import (
     as_floats,
     check_count,
@@ -12,6 +13,7 @@ from rlcore.core.checks import (
     check_index,
     check_mdp,
     check_policy,
+    check_q,
     check_values,
     finite_values,
     is_number,
@@ -65,16 +67,6 @@ def optimality_backup_q(mdp, Q, gamma):
     return q_from_v(mdp, check_q(mdp, Q).max(axis=1), gamma)  # eq-17
 
 
-def check_q(mdp, Q):
-    """Q as (S, A) floats with -inf at actions that are not legal; ValueError for another shape or NaN."""
-    Q = as_floats("Q", Q)
-    if Q.shape != check_mdp(mdp).legal.shape:
-        raise ValueError(f"Q: got shape {Q.shape}, must be {mdp.legal.shape}")
-    if np.isnan(Q).any():
-        raise ValueError("Q: contains NaN, must be numbers")
-    return np.where(mdp.legal, Q, -np.inf)
-
-
 def greedy(Q):
     """The policy (S, A) that takes the first maximising action of each row. alg-greedy-lookahead"""
     Q = _rows(Q)
@@ -99,35 +91,13 @@ def _rows(Q):
 
 def policy_matrix(mdp, pi):
     """P_pi (S, S) as a scipy sparse array, and r_pi (S,): the Markov reward process of pi. eq-u-model-and-policy"""
-    from scipy.sparse import csr_array
-
-    pi = check_policy(mdp, pi)
-    weight = pi[:, :, None] * mdp.prob
-    rows = np.broadcast_to(np.arange(mdp.n_states)[:, None, None], weight.shape)
-    used = weight > 0
-    P = csr_array((weight[used], (rows[used], mdp.next_state[used])), shape=(mdp.n_states, mdp.n_states))
-    P.sum_duplicates()
-    return P, (weight * mdp.reward).sum(axis=(1, 2))
+    return chain(mdp, check_policy(mdp, pi))
 
 
 def is_proper(mdp, pi):
     """Whether pi reaches a terminal state with probability 1 from every state."""
     P, _ = policy_matrix(mdp, pi)
     return bool(reaches(P, mdp.terminal).all())
-
-
-def reaches(P, target):
-    """States from which the chain P can reach the target set, (S,) bool."""
-    from scipy.sparse import csr_array, vstack
-    from scipy.sparse.csgraph import breadth_first_order
-
-    S = target.size
-    source = csr_array((np.ones(target.sum()), (np.zeros(target.sum(), int), np.flatnonzero(target))), shape=(1, S))
-    graph = csr_array(vstack([P.T, source]))
-    graph.resize(S + 1, S + 1)
-    reached = np.zeros(S + 1, bool)
-    reached[breadth_first_order(graph, S, return_predecessors=False)] = True
-    return reached[:S]
 
 
 def solve_policy(mdp, pi, gamma):
@@ -139,29 +109,6 @@ def solve_policy(mdp, pi, gamma):
     gamma = check_gamma(gamma)
     P, r = policy_matrix(mdp, pi)
     return solve_system(P, r, gamma, mdp.terminal)
-
-
-def solve_system(P, r, gamma, terminal):
-    """V with V = r + gamma P V and V = 0 on terminal states."""
-    from scipy.sparse import eye_array
-    from scipy.sparse.linalg import spsolve
-
-    require_end_of(P, gamma, terminal)
-    go = np.flatnonzero(~terminal)
-    V = np.zeros(terminal.size)
-    P = P[go][:, go]
-    if go.size > 100 and P.nnz < 0.05 * go.size**2:
-        V[go] = spsolve((eye_array(go.size) - gamma * P).tocsc(), r[go])
-    else:
-        V[go] = np.linalg.solve(np.eye(go.size) - gamma * P.toarray(), r[go])
-    return V
-
-
-def require_end_of(P, gamma, terminal):
-    """ValueError where a system with P would be singular."""
-    if gamma == 1 and not (ends := reaches(P, terminal)).all():
-        s = np.flatnonzero(~ends)[0]
-        raise ValueError(f"pi: never terminates from state {s}, must reach a terminal state when gamma = 1")
 
 
 def expected_visits(mdp, pi, gamma):

@@ -6,6 +6,7 @@ import numpy as np
 
 from rlcore.core.checks import (
     Model,
+    as_flags,
     as_floats,
     as_integers,
     check_count,
@@ -45,9 +46,7 @@ class FiniteMDP(Model):
         dtypes = dict(next_state=np.int32, prob=float, reward=float, legal=bool, terminal=bool, start=float)
         for name, dtype in dtypes.items():
             values = getattr(self, name)
-            values = as_integers(name, values) if dtype is np.int32 else as_floats(name, values)
-            if dtype is bool and ((values != 0) & (values != 1)).any():
-                raise ValueError(f"{name}: got {values!r}, must be True or False")
+            values = {np.int32: as_integers, float: as_floats, bool: as_flags}[dtype](name, values)
             view = np.ascontiguousarray(values, dtype).view()
             view.flags.writeable = False
             object.__setattr__(self, name, view)

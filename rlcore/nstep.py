@@ -16,13 +16,13 @@ from rlcore.core.checks import (
     check_probability,
     check_rate,
     check_values,
+    choice,
 )
 from rlcore.core.compiled import compiled
-from rlcore.core.sampling import cumulative, draw
-from rlcore.core.worlds import act, books, check_prediction, reset, run_loop, value_run
-
-READINGS = ("in order", "summed", "recomputed")
-
+from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.sampling import draw
+from rlcore.core.schedules import at
+from rlcore.core.worlds import act, episode, reset, total
 
 # ---------------------------------------------------------------------- targets of one episode
 
@@ -117,58 +117,51 @@ def forward_increments(states, rewards, V, gamma, lam, alpha):
     states, rewards, values, V = visited_values(states, rewards, V)
     L = lambda_return(rewards, values, gamma, lam)
     increments = np.zeros((rewards.size, V.size))
-    increments[np.arange(rewards.size), states[: rewards.size]] = check_rate(alpha) * (L - values[: rewards.size])
+    increments[np.arange(rewards.size), states[: rewards.size]] = check_rate("alpha", alpha) * (
+        L - values[: rewards.size]
+    )
     return increments  # eq-33
 
 
 # ---------------------------------------------------------------------- learning from them
 
 
-def n_step_td(world, pi, gamma, n, n_episodes, *, alpha, online=True, V0=0.0, max_steps=None, record=1, rng):
+@learner(prediction)
+def n_step_td(world, pi, gamma, n, n_episodes, *, alpha, online=True, V0=0.0, max_steps=None, record=0, rng):
     """v_pi from n-step returns. alg-n-step-online, alg-n-step-offline, eq-26, eq-27, eq-28, eq-29, cl-067
 
-    world: FiniteMDP, or gymnasium.Env with Discrete spaces. n: the number of rewards in a target; a state is updated n
-    steps after its visit, or at the end. alpha: step size in (0, 1]. online: update at each step, else add the summed
-    increments when the episode ends. V0: a number or (S,). max_steps: an episode that long is cut, and its last targets
-    bootstrap; None needs a policy that ends every episode. record: history keeps V before the first and after each
-    record-th episode; 0 keeps none. Returns a Run with V and history (n_episodes // record + 1, S).
-    Source: Sutton and Barto (2018), section 7.1.
+    world: FiniteMDP, gymnasium.Env or its id. n: the number of rewards in a target; a state is updated n steps after
+    its visit, or at the end. alpha: step size in (0, 1], or decaying(...). online: update at each step, else add the
+    summed increments when the episode ends. V0: a number or (S,). max_steps: an episode that long is cut, and its last
+    targets bootstrap; None needs a policy that ends every episode. record: history keeps V before the first and after
+    each record-th episode; 0 keeps none. Returns a Run. Source: Sutton and Barto (2018), section 7.1.
     """
-    alpha, n = check_rate(alpha), check_count("n", n)
-    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
-    found = run_loop(_n_step_td, world, cumulative(pi), *settings, n, alpha, bool(online), rng=rng)
-    return value_run(found, pi, record)
-
-
-@compiled
-def _n_step_td(world, pi_cdf, gamma, n_episodes, V, max_steps, record, n, alpha, online, rng):
-    history, returns, lengths = books(V, n_episodes, record)
+    V, states, rewards = V0, np.zeros(n, np.int64), np.zeros(n)  # the last n steps, that of time t at t mod n
+    returns, lengths, history = log(V, n_episodes, record)
     change = V if online else np.zeros_like(V)
-    states, rewards = np.zeros(n, np.int64), np.zeros(n)  # the last n steps, that of time t at t mod n
-    for i in range(n_episodes):
-        s = reset(world, rng)
-        t, done = 0, False
+    for k in range(n_episodes):
+        s, t, done, step = reset(world, rng), 0, False, at(alpha, k)
         while not done:
-            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
+            s_next, r, terminated, truncated = act(world, s, draw(pi[s], rng), rng)
             states[t % n], rewards[t % n] = s, r
-            returns[i] += r
+            returns[k] += r
             t += 1
             done = terminated or truncated or t >= max_steps
             for tau in range(max(t - n, 0), t if done else t - n + 1):
                 G = return_to_horizon(rewards, gamma, tau, t, V[s_next] * (not terminated))  # eq-25
-                change[states[tau % n]] += alpha * (G - V[states[tau % n]])  # eq-26, eq-27
+                change[states[tau % n]] += step * (G - V[states[tau % n]])  # eq-26, eq-27
             s = s_next
         if not online:
             V += change  # eq-29
             change[:] = 0.0
-        lengths[i] = t
-        if record and (i + 1) % record == 0:
-            history[(i + 1) // record] = V
-    return returns, lengths, V, history
+        lengths[k] = t
+        note(history, V, k, record)
+    return V, returns, lengths, history
 
 
+@learner(prediction, reading=choice("in order", "summed", "recomputed"))
 def offline_lambda_return(
-    world, pi, gamma, lam, n_episodes, *, alpha, reading="in order", V0=0.0, max_steps=None, record=1, rng
+    world, pi, gamma, lam, n_episodes, *, alpha, reading="in order", V0=0.0, max_steps=None, record=0, rng
 ):
     """v_pi from lambda-returns, at the end of each episode. alg-lambda-return, eq-33
 
@@ -177,45 +170,23 @@ def offline_lambda_return(
     too, and their sum is added once. "recomputed": the targets, too, use the newest V. lam: in [0, 1].
     Others, and the Run that it returns: as in n_step_td. Source: Sutton and Barto (2018), section 12.1.
     """
-    alpha, lam = check_rate(alpha), check_probability("lam", lam)
-    if reading not in READINGS:
-        raise ValueError(f"reading: got {reading!r}, allowed are {', '.join(map(repr, READINGS))}")
-    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
-    how = (lam, alpha, reading == "summed", reading == "recomputed")
-    found = run_loop(_offline_lambda_return, world, cumulative(pi), *settings, *how, rng=rng)
-    return value_run(found, pi, record)
-
-
-@compiled
-def _offline_lambda_return(world, pi_cdf, gamma, n_episodes, V, max_steps, record, lam, alpha, summed, recomputed, rng):
-    history, returns, lengths = books(V, n_episodes, record)
-    change = np.zeros_like(V) if summed else V
-    states, rewards = np.zeros(128, np.int64), np.zeros(128)
-    for i in range(n_episodes):
-        s = reset(world, rng)
-        T, done, terminated = 0, False, False
-        while not done:
-            if states.size < T + 2:
-                states, rewards = np.concatenate((states, states)), np.concatenate((rewards, rewards))
-            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
-            states[T], states[T + 1], rewards[T] = s, s_next, r
-            returns[i] += r
-            T += 1
-            s, done = s_next, terminated or truncated or max_steps <= T
-        L = rewards
-        for t in range(T):
-            if t == 0 or recomputed:
-                values = V[states[: T + 1]]
-                values[T] *= not terminated
-                L = lambda_returns(rewards[:T], values, gamma, lam, t)  # eq-32
-            change[states[t]] += alpha * (L[t] - V[states[t]])  # eq-33
-        if summed:
+    V = V0
+    returns, lengths, history = log(V, n_episodes, record)
+    change = np.zeros_like(V) if reading == "summed" else V
+    for k in range(n_episodes):
+        states, actions, rewards, terminated = episode(world, pi, max_steps, rng)
+        returns[k], lengths[k], step, L = total(rewards), rewards.size, at(alpha, k), rewards
+        for t in range(rewards.size):
+            if t == 0 or reading == "recomputed":
+                values = V[states]
+                values[-1] *= not terminated
+                L = lambda_returns(rewards, values, gamma, lam, t)  # eq-32
+            change[states[t]] += step * (L[t] - V[states[t]])  # eq-33
+        if reading == "summed":
             V += change  # eq-29
             change[:] = 0.0
-        lengths[i] = T
-        if record and (i + 1) % record == 0:
-            history[(i + 1) // record] = V
-    return returns, lengths, V, history
+        note(history, V, k, record)
+    return V, returns, lengths, history
 
 
 # ---------------------------------------------------------------------- checks

@@ -6,24 +6,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.bellman import check_q
 from rlcore.core.checks import (
     check_count,
     check_gamma,
     check_index,
+    check_nonnegative,
     check_policy,
     check_probability,
     check_rate,
     check_rng,
     check_world,
+    count,
+    show,
+    spaces,
+    takes_none,
 )
 from rlcore.core.compiled import compiled
+from rlcore.core.learner import learner, log, note
 from rlcore.core.results import PlanningRun
 from rlcore.core.sampling import cumulative, draw, step
-from rlcore.core.worlds import books
+from rlcore.core.schedules import at, check_schedule, now
+from rlcore.core.worlds import FOREVER, act, reset
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, rollout
-from rlcore.policies import epsilon_greedy, max_value, soft_greedy
+from rlcore.policies import control, epsilon_greedy, max_value, soft_greedy
+from rlcore.td import td_error
 
 
 def predict(run, s, a):
@@ -86,16 +93,16 @@ def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=
         raise ValueError(f"legal: got shape {legal.shape}, must be {(S, A)}")
     rows = Counter(zip(data.s.tolist(), data.a.tolist(), data.s_next.tolist(), data.r.tolist()))
     outcomes = defaultdict(list)
-    for (s, a, s_next, r), count in rows.items():
+    for (s, a, s_next, r), times in rows.items():
         if s in terminal or not 0 <= s < S or not 0 <= a < A or not legal[s, a]:
             raise ValueError(f"data: got action {a} in state {s}, must be legal and the state not terminal")
-        outcomes[s, a].append((count, s_next, r))
+        outcomes[s, a].append((times, s_next, r))
     model = {}
     for s, a in itertools.product(range(S), range(A)):
         if s not in terminal and legal[s, a]:
             seen = outcomes.get((s, a), [(1, s, unseen)])
-            total = sum(count for count, _, _ in seen)
-            model[s, a] = [(count / total, s_next, r) for count, s_next, r in seen]
+            total = sum(times for times, _, _ in seen)
+            model[s, a] = [(times / total, s_next, r) for times, s_next, r in seen]
     return FiniteMDP.from_outcomes(model, n_states=S, n_actions=A, start=start)
 
 
@@ -107,7 +114,7 @@ def certainty_equivalent_control(world, gamma, n_episodes, *, epsilon=0.1, unsee
     (n_episodes + 1, S, A) holds the Q planned before the first and after each episode.
     """
     gamma, epsilon = check_gamma(gamma), check_probability("epsilon", epsilon)
-    S, A = check_world(world).legal.shape
+    S, A = check_world("world", world).legal.shape
     known = dict(terminal=np.flatnonzero(world.terminal), legal=world.legal, start=world.start, unseen=unseen)
     paths, plan, history = [], None, []
     for _ in range(check_count("n_episodes", n_episodes) + 1):
@@ -130,73 +137,23 @@ def _transitions(paths):
 # ---------------------------------------------------------------------- Dyna
 
 
-def dyna_q(
-    world, gamma, n_episodes, *, n_planning, alpha, epsilon, Q0=0.0, kappa=0.0, max_steps=None, change=None, rng
-):
-    """Q-learning that also replays n_planning remembered transitions after each real one. alg-dyna, fig-12
-
-    world: FiniteMDP. n_planning = 0 is Q-learning, without a model. The model is the last outcome of each pair tried,
-    which is right where the world is deterministic. alpha: in (0, 1]. epsilon: probability of a random action.
-    Q0: first estimates, a number or (S, A). max_steps: an episode is cut there, as a truncation; None: never.
-    kappa: a transition not tried for tau steps is replayed with its reward + kappa sqrt(tau), untried actions of states
-    met included (Dyna-Q+). change: (step, FiniteMDP), the world from that step on.
-    Returns a PlanningRun; history (n_episodes + 1, S, A). Source: Sutton and Barto (2018), sections 8.2 and 8.3.
-    """
-    gamma, n_planning, rng = check_gamma(gamma), check_count("n_planning", n_planning, 0), check_rng(rng)
-    alpha, epsilon = check_rate(alpha), check_probability("epsilon", epsilon)
-    if not kappa >= 0:
-        raise ValueError(f"kappa: got {kappa!r}, must be at least 0")
-    world = check_world(world)
-    at, later = (np.iinfo(np.int64).max, world) if change is None else (check_count("change", change[0], 0), change[1])
-    if not np.array_equal(later.legal, world.legal) or not np.array_equal(later.terminal, world.terminal):
-        raise ValueError("change: got a world with other actions or terminal states, must have the same")
-    max_steps = np.iinfo(np.int64).max if max_steps is None else check_count("max_steps", max_steps)
-    Q = check_q(world, np.broadcast_to(np.asarray(Q0, float), world.legal.shape))
-    Q[world.terminal] = 0.0
-    n_episodes, memory = check_count("n_episodes", n_episodes), _memory(*Q.shape)
-    numbers = (at, gamma, n_episodes, n_planning, alpha, epsilon, float(kappa), max_steps)
-    returns, lengths, history = _dyna_q(world.sampler(), later.sampler(), *numbers, Q, memory, rng)
-    model = _remembered(world, memory) if n_planning else None
-    return PlanningRun(returns, lengths, Q.max(axis=1), Q, soft_greedy(Q, 0.0), history, model)
+# What Dyna remembers: the last outcome (S, A) of each pair, whether it ended the episode, and its time; the states met,
+# (S,), how many; the actions taken in each, (S, A), how many. next_state is -1 where nothing is known.
+Memory = namedtuple("Memory", "next_state reward ended last states n_states actions n_actions")
 
 
 @compiled
-def _dyna_q(world, later, change_at, gamma, n_episodes, n_planning, alpha, epsilon, kappa, max_steps, Q, memory, rng):
-    (history, returns, lengths), now = books(Q, n_episodes, 1), 0
-    for k in range(n_episodes):
-        s = draw(world.start_cdf, rng)
-        while not world.terminal[s] and lengths[k] < max_steps:
-            a = epsilon_greedy(Q, s, epsilon, rng)
-            s_next, r = step(world if now < change_at else later, s, a, rng)
-            Q[s, a] += alpha * (r + gamma * max_value(Q, s_next) - Q[s, a])  # eq-21
-            if memory.next_state[s, a] < 0:  # asked here, not inside: calls with many arrays cost 40 ns
-                _remember(memory, Q, s, a, kappa > 0)
-            memory.next_state[s, a], memory.reward[s, a], memory.last[s, a] = s_next, r, now
-            now += 1
-            for _ in range(n_planning):
-                i = memory.states[int(rng.random() * memory.n_states[0])]
-                b = memory.actions[i, int(rng.random() * memory.n_actions[i])]
-                r_model = memory.reward[i, b] + kappa * np.sqrt(now - memory.last[i, b])
-                Q[i, b] += alpha * (r_model + gamma * max_value(Q, memory.next_state[i, b]) - Q[i, b])  # eq-21
-            returns[k] += r
-            lengths[k] += 1
-            s = s_next
-        history[k + 1] = Q
-    return returns, lengths, history
-
-
-# What Dyna remembers: the last outcome (S, A) of each pair and its time; the states met, (S,), how many; the actions
-# taken in each, (S, A), how many. next_state is -1 where nothing is known.
-Memory = namedtuple("Memory", "next_state reward last states n_states actions n_actions")
-
-
-def _memory(S, A):
-    counts = [np.zeros(n, np.int64) for n in (S, 1, (S, A), S)]
-    return Memory(np.full((S, A), -1, np.int64), np.zeros((S, A)), np.zeros((S, A)), *counts)
+def empty_memory(S, A):
+    """A Memory of nothing."""
+    return Memory(
+        np.full((S, A), -1), np.zeros((S, A)), np.zeros((S, A), np.bool_), np.zeros((S, A)), np.zeros(S, np.int64),
+        np.zeros(1, np.int64), np.zeros((S, A), np.int64), np.zeros(S, np.int64),
+    )  # fmt: skip
 
 
 @compiled
-def _remember(memory, Q, s, a, untried):
+def remember(memory, Q, s, a, untried):
+    """List the pair (s, a), which was never tried before, and with `untried` the other actions of s."""
     if memory.n_actions[s] == 0:
         memory.states[memory.n_states[0]] = s
         memory.n_states[0] += 1
@@ -205,6 +162,69 @@ def _remember(memory, Q, s, a, untried):
             memory.next_state[s, b] = s
             memory.actions[s, memory.n_actions[s]] = b
             memory.n_actions[s] += 1
+
+
+@takes_none
+def _change(name, change, given):
+    """The rule of a world to come: (step, FiniteMDP) with the same actions and terminal states."""
+    world = given["world"]
+    if change is None:
+        return FOREVER, world.sampler() if isinstance(world, FiniteMDP) else None
+    if not isinstance(change, (tuple, list)) or len(change) != 2 or not isinstance(change[1], FiniteMDP):
+        raise ValueError(f"{name}: got {show(change)}, must be (step, FiniteMDP)")
+    step, later = check_count(name, change[0], 0), change[1]
+    if not np.array_equal(later.legal, check_world("world", world).legal) or (later.terminal != world.terminal).any():
+        raise ValueError(f"{name}: got a world with other actions or terminal states, must have the same")
+    return step, later.sampler()
+
+
+def _with_model(given, Q, returns, lengths, history, visits, memory):
+    given = given | {"epsilon": check_schedule("epsilon", 0.0)}  # the policy it found, not the one that explored
+    model = _remembered(given["world"], memory) if given["n_planning"] else None
+    return control(given, Q, returns, lengths, history, visits, kind=PlanningRun, model=model)
+
+
+@learner(_with_model, n_planning=count(0), kappa=check_nonnegative, change=_change)
+def dyna_q(
+    world, gamma, n_episodes, *, n_planning, alpha, epsilon, Q0=0.0, kappa=0.0, max_steps=None, change=None, record=0,
+    rng,
+):  # fmt: skip
+    """Q-learning that also replays n_planning remembered transitions after each real one. alg-dyna, fig-12
+
+    world: FiniteMDP, gymnasium.Env or its id. n_planning = 0 is Q-learning, without a model. The model is the last
+    outcome of each pair tried, which is right where the world is deterministic. alpha: in (0, 1], or decaying(...).
+    epsilon: probability of a random action, or decaying(...). Q0: first estimates, a number or (S, A). max_steps: an
+    episode is cut there, as a truncation. kappa: a transition not tried for tau steps is replayed with its reward +
+    kappa sqrt(tau), untried actions of states met included (Dyna-Q+). change: (step, FiniteMDP), the world from that
+    step on. record: history keeps Q before the first and after each record-th episode; 0 keeps none.
+    Returns a PlanningRun; its policy is greedy. Source: Sutton and Barto (2018), sections 8.2 and 8.3.
+    """
+    Q, N, memory, t = Q0, np.zeros(Q0.shape, np.int64), empty_memory(*Q0.shape), 0
+    returns, lengths, history = log(Q, n_episodes, record)
+    for k in range(n_episodes):
+        s, done = reset(world, rng), False
+        while not done:
+            a = epsilon_greedy(Q, s, now(epsilon, k, t), rng)
+            s_next, r, terminated, truncated = act(world if t < change[0] else change[1], s, a, rng)
+            Q[s, a] += at(alpha, N[s, a]) * td_error(r, Q[s, a], max_value(Q, s_next), gamma, terminated)  # eq-21
+            N[s, a] += 1
+            if memory.next_state[s, a] < 0:  # asked here, not inside: calls with many arrays cost 40 ns
+                remember(memory, Q, s, a, kappa > 0)
+            memory.next_state[s, a], memory.reward[s, a], memory.last[s, a] = s_next, r, t
+            memory.ended[s, a] = terminated
+            t += 1
+            for _ in range(n_planning):
+                i = memory.states[int(rng.random() * memory.n_states[0])]
+                b = memory.actions[i, int(rng.random() * memory.n_actions[i])]
+                r_model = memory.reward[i, b] + kappa * np.sqrt(t - memory.last[i, b])
+                V_next = max_value(Q, memory.next_state[i, b])
+                Q[i, b] += at(alpha, N[i, b]) * td_error(r_model, Q[i, b], V_next, gamma, memory.ended[i, b])  # eq-21
+                N[i, b] += 1
+            returns[k] += r
+            lengths[k] += 1
+            s, done = s_next, terminated or truncated or lengths[k] == max_steps
+        note(history, Q, k, record)
+    return Q, returns, lengths, history, N, memory
 
 
 def replay(data, n_states, n_actions, gamma, *, alpha, Q0=0.0):
@@ -218,7 +238,7 @@ def replay(data, n_states, n_actions, gamma, *, alpha, Q0=0.0):
         if index.size and not 0 <= index.min() <= index.max() < n:
             raise ValueError(f"data: {name} runs from {index.min()} to {index.max()}, must be in 0..{n - 1}")
     Q = np.full(shape, float(Q0))
-    _replay(data.s, data.a, data.r, data.s_next, check_gamma(gamma), check_rate(alpha), Q)
+    _replay(data.s, data.a, data.r, data.s_next, check_gamma(gamma), check_rate("alpha", alpha), Q)
     return Q
 
 
@@ -230,10 +250,13 @@ def _replay(s, a, r, s_next, gamma, alpha, Q):
 
 def _remembered(world, memory):
     """What was remembered as a FiniteMDP; a pair never tried stays with reward 0."""
-    known, S = memory.next_state >= 0, world.n_states
-    next_state = np.where(known, memory.next_state, np.arange(S)[:, None])[:, :, None]
-    prob = (world.legal | world.terminal[:, None]).astype(float)[:, :, None]
-    return FiniteMDP(next_state, prob, memory.reward[:, :, None], world.legal, world.terminal, world.start)
+    (legal, terminal), known = spaces(world), memory.next_state >= 0
+    if not isinstance(world, FiniteMDP):  # it does not tell its terminal states, nor where it starts
+        terminal = np.isin(np.arange(len(legal)), memory.next_state[memory.ended])
+    next_state = np.where(known, memory.next_state, np.arange(len(legal))[:, None])[:, :, None]
+    prob = (legal | terminal[:, None]).astype(float)[:, :, None]
+    start = world.start if isinstance(world, FiniteMDP) else ~terminal / np.sum(~terminal)
+    return FiniteMDP(next_state, prob, memory.reward[:, :, None], legal, terminal, start)
 
 
 # ---------------------------------------------------------------------- a continuous model: least squares, shooting

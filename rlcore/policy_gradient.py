@@ -3,18 +3,19 @@
 import numpy as np
 
 from rlcore.bellman import expected_visits, q_from_v, solve_policy
-from rlcore.core.checks import as_floats, check_count, check_gamma, check_mdp, check_rng
+from rlcore.core.checks import anything, as_floats, check_flag, check_positive, checked, finite, spaces, takes_none
 from rlcore.core.compiled import compiled
-from rlcore.core.worlds import act, check_max_steps, reset, run_loop, spaces
+from rlcore.core.learner import learner
+from rlcore.core.worlds import act, reset
 from rlcore.mdp import discounted_returns
 from rlcore.policies import (
     add_score,
     check_features,
     check_indices,
     check_parameters,
-    check_step,
     choose,
     grad_log_softmax,
+    linear,
     probabilities,
     softmax_policy,
 )
@@ -22,15 +23,17 @@ from rlcore.policies import (
 # ---------------------------------------------------------------------- the exact gradient
 
 
+@checked(theta=anything, features=linear)
 def objective(mdp, theta, gamma, *, features=None):
     """J(theta), the expected discounted return from the start distribution. eq-rf-39 corrected
 
     theta: (A, d). features: (S, d), one a state where None.
     """
-    X = check_features(features, check_mdp(mdp).n_states)
-    return float(mdp.start @ solve_policy(mdp, softmax_policy(_shaped(mdp, theta, X), X, mdp.legal), gamma))
+    X, legal = features
+    return float(mdp.start @ solve_policy(mdp, softmax_policy(theta, X, legal), gamma))
 
 
+@checked(theta=anything, features=linear)
 def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
     """Gradient of J with respect to theta, (A, d). eq-u-pg-theorem, alg-policy-gradient-exact, fig-50
 
@@ -39,19 +42,20 @@ def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
     V: (S,) values instead of v_pi: what one-step actor-critic follows on average while its critic holds V.
     Source: Sutton et al. (2000), theorem 1.
     """
-    X = check_features(features, check_mdp(mdp).n_states)
-    pi = softmax_policy(_shaped(mdp, theta, X), X, mdp.legal)
+    X, legal = features
+    pi = softmax_policy(theta, X, legal)
     V = solve_policy(mdp, pi, gamma) if V is None else V
-    Q = np.where(mdp.legal, q_from_v(mdp, V, gamma), 0.0)
+    Q = np.where(legal, q_from_v(mdp, V, gamma), 0.0)
     d_h = expected_visits(mdp, pi, gamma)[:, None] * pi * (Q - (pi * Q).sum(axis=1, keepdims=True))  # eq-u-pg-theorem
     return d_h.T @ X
 
 
+@checked(theta=anything, alpha=check_positive, features=linear)
 def gradient_ascent(mdp, theta, gamma, n_steps, *, alpha, features=None):
     """theta_0 ... theta_n of ascent along the exact gradient, (n_steps + 1, A, d). eq-u-pg-update, fig-49"""
-    history, alpha = [check_parameters("theta", theta)], check_step("alpha", alpha)
-    for _ in range(check_count("n_steps", n_steps)):
-        history.append(history[-1] + alpha * policy_gradient_exact(mdp, history[-1], gamma, features=features))
+    history, (X, _) = [theta], features
+    for _ in range(n_steps):
+        history.append(history[-1] + alpha * policy_gradient_exact(mdp, history[-1], gamma, features=X))
     return np.array(history)
 
 
@@ -77,58 +81,66 @@ def episode_gradient(theta, states, actions, rewards, gamma, *, features=None, b
     return g
 
 
-def gradient_estimates(world, theta, gamma, n_episodes, *, features=None, baseline=0.0, discount_states=False,
-                       acting=None, corrected=True, max_steps=None, rng):  # fmt: skip
+@compiled
+def softmax_episode(world, theta, X, legal, p_min, max_steps, rng):
+    """One episode of the softmax policy: states (T + 1,), actions (T,), rewards (T,), whether the last is terminal."""
+    pi = np.zeros(len(theta))
+    states, actions, rewards = np.zeros(65, np.int64), np.zeros(64, np.int64), np.zeros(64)
+    s, t, done, terminated = reset(world, rng), 0, False, False
+    states[0] = s
+    while not done:
+        if t == rewards.size:
+            states, actions = np.append(states, states), np.append(actions, actions)
+            rewards = np.append(rewards, rewards)
+        actions[t] = choose(probabilities(pi, theta, X[s], legal[s], p_min), rng)
+        s, rewards[t], terminated, truncated = act(world, s, actions[t], rng)
+        t += 1
+        states[t] = s
+        done = terminated or truncated or t == max_steps
+    return states[: t + 1], actions[:t], rewards[:t], terminated
+
+
+@takes_none
+def _acting(name, theta, given):
+    return given["theta"] if theta is None else check_parameters(name, theta, given["theta"].shape)
+
+
+def _any_baseline(name, b, given):
+    """The rule of a number, (S,) or (S, A), as (S, A)."""
+    b, shape = finite(name, b), spaces(given["world"])[0].shape
+    if b.shape not in ((), shape[:1], shape):
+        raise ValueError(f"{name}: got shape {b.shape}, must be a number, {shape[:1]} or {shape}")
+    return np.ascontiguousarray(np.broadcast_to(b[:, None] if b.ndim == 1 else b, shape))
+
+
+@learner(
+    lambda given, gradients: gradients,
+    theta=anything, features=linear, baseline=_any_baseline, acting=_acting, corrected=check_flag,
+)  # fmt: skip
+def gradient_estimates(
+    world, theta, gamma, n_episodes, *, features=None, baseline=0.0, discount_states=False, acting=None,
+    corrected=True, max_steps=None, rng,
+):  # fmt: skip
     """g of figure 52 for each of n_episodes episodes under one theta, (n_episodes, A, d). fig-54, eq-u-reinforce
 
     baseline: a number, (S,), or (S, A) for one that depends on the action and is therefore wrong. acting: (A, d)
     parameters of the policy that acts, where it is not theta's; corrected: weight each episode with the ratio of its
     probabilities under the two. cl-106, cl-110
     """
-    (legal, _), rng = spaces(world), check_rng(rng)
-    X = check_features(features, len(legal))
-    theta = check_parameters("theta", theta, (legal.shape[1], X.shape[1]))
-    acting = theta if acting is None else check_parameters("acting", acting, theta.shape)
-    b = as_floats("baseline", baseline)
-    if b.shape not in ((), legal.shape[:1], legal.shape) or not np.isfinite(b).all():
-        raise ValueError(f"baseline: got shape {b.shape}, must be a number, {legal.shape[:1]} or {legal.shape}")
-    b = np.ascontiguousarray(np.broadcast_to(b[:, None] if b.ndim == 1 else b, legal.shape))
-    settings = X, legal, check_gamma(gamma), check_count("n_episodes", n_episodes), b, bool(discount_states)
-    limit = check_max_steps(world, max_steps, legal / legal.sum(axis=1, keepdims=True))
-    return run_loop(_gradient_estimates, world, *settings, theta, acting, bool(corrected), limit, rng=rng)
-
-
-@compiled
-def _gradient_estimates(
-    world, X, legal, gamma, n_episodes, b, discount_states, theta, acting, corrected, max_steps, rng
-):
+    X, legal = features
     gradients, pi, mu = np.zeros((n_episodes,) + theta.shape), np.zeros(len(theta)), np.zeros(len(theta))
-    states, actions, rewards = np.zeros(64, np.int64), np.zeros(64, np.int64), np.zeros(64)
     for k in range(n_episodes):
-        s, n, done, ratio = reset(world, rng), 0, False, 1.0
-        while not done:
-            if n == states.size:
-                states, actions, rewards = (
-                    np.append(states, states),
-                    np.append(actions, actions),
-                    np.append(rewards, rewards),
-                )
-            a = choose(probabilities(mu, acting, X[s], legal[s], 0.0), rng)
+        states, actions, rewards, terminated = softmax_episode(world, acting, X, legal, 0.0, max_steps, rng)
+        ratio, G = 1.0, 0.0
+        for t in range(rewards.size):
+            s, a = states[t], actions[t]
             if corrected:
+                probabilities(mu, acting, X[s], legal[s], 0.0)
                 ratio *= probabilities(pi, theta, X[s], legal[s], 0.0)[a] / mu[a]
-            states[n], actions[n] = s, a
-            s, rewards[n], terminated, truncated = act(world, s, a, rng)
-            n += 1
-            done = terminated or truncated or n == max_steps
-        G = 0.0
-        for t in range(n - 1, -1, -1):
+        for t in range(rewards.size - 1, -1, -1):
             s, a = states[t], actions[t]
             G = rewards[t] + gamma * G  # eq-u-alg2-return
             probabilities(pi, theta, X[s], legal[s], 0.0)
             discount = gamma**t if discount_states else 1.0
-            add_score(gradients[k], ratio * discount * (G - b[s, a]), pi, X[s], a)  # eq-u-reinforce-baseline
-    return gradients
-
-
-def _shaped(mdp, theta, X):
-    return check_parameters("theta", theta, (mdp.n_actions, X.shape[1]))
+            add_score(gradients[k], ratio * discount * (G - baseline[s, a]), pi, X[s], a)  # eq-u-reinforce-baseline
+    return (gradients,)

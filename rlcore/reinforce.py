@@ -1,141 +1,157 @@
-"""REINFORCE with a softmax policy or a network, with and without baseline, and one-step actor-critic (chapter 7)."""
+"""REINFORCE, with and without baseline, for a policy that is linear in features and for a network (chapter 7)."""
+
+from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_function, check_gamma, check_rng, is_number
-from rlcore.core.compiled import compiled
+from rlcore.core.checks import Model, checked, function_of, is_number, show, takes_none
+from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
-from rlcore.core.worlds import FOREVER, act, books, check_max_steps, reset, run_loop, spaces
-from rlcore.mdp import FiniteMDP, discounted_returns
+from rlcore.core.schedules import at
+from rlcore.core.worlds import FOREVER, open_world, total
+from rlcore.distributions import Categorical
+from rlcore.mdp import discounted_returns
 from rlcore.nn import MLP, check_network
 from rlcore.optimizers import Adam
-from rlcore.policies import (
-    Categorical,
-    add_score,
-    check_features,
-    check_p_min,
-    check_parameters,
-    check_step,
-    choose,
-    dot,
-    probabilities,
-    softmax_policy,
-)
+from rlcore.policies import LINEAR, add_score, dot, gradient, probabilities
+from rlcore.policy_gradient import softmax_episode
 
-# ---------------------------------------------------------------------- learning: softmax policies
+Baseline = namedtuple("Baseline", "b learned")
 
 
-@compiled
-def _reinforce(
-    world,
-    X,
-    legal,
-    gamma,
-    n_episodes,
-    alpha,
-    alpha_w,
-    b,
-    theta,
-    w,
-    discount_states,
-    every_step,
-    p_min,
-    max_steps,
-    record,
-    rng,
-):
-    (history, returns, lengths), pi = books(theta, n_episodes, record), np.zeros(len(theta))
-    states, actions, rewards, G = np.zeros(64, np.int64), np.zeros(64, np.int64), np.zeros(64), np.zeros(65)
+def _baseline(*names):
+    """The rule of a baseline: None, a number, or one of the names."""
+
+    @takes_none
+    def rule(name, baseline, given):
+        if isinstance(baseline, str) and baseline in names:
+            return baseline
+        if baseline is not None and not (is_number(baseline) and np.isfinite(baseline)):
+            allowed = "".join(f", {kind!r}" for kind in names)
+            raise ValueError(f"{name}: got {show(baseline)}, must be None, a number{allowed}")
+        return float(baseline or 0.0)
+
+    return rule
+
+
+@takes_none
+def _learned_or_number(name, baseline, given):
+    baseline = _baseline("value")(name, baseline, given)
+    return Baseline(0.0, True) if baseline == "value" else Baseline(baseline, False)
+
+
+def _w0(name, w, given):
+    w = LINEAR["w0"](name, w, given)
+    if w.any() and not given["baseline"].learned:
+        raise ValueError(f'{name}: got {show(w)} with baseline = {given["baseline"].b}, needs baseline "value"')
+    return w
+
+
+@learner(gradient, **LINEAR | dict(baseline=_learned_or_number, w0=_w0))
+def reinforce(
+    world, gamma, n_episodes, *, alpha=0.01, baseline=None, alpha_w=0.01, features=None, theta0=0.0, w0=0.0,
+    every_step=False, discount_states=False, p_min=0.0, max_steps=None, record=0, rng,
+):  # fmt: skip
+    """Gradient ascent on J with the returns of whole episodes. alg-reinforce, alg-reinforce-baseline, fig-52, om-score
+
+    The policy is a softmax in theta . x(s), see `softmax_policy`. world: FiniteMDP, gymnasium.Env with Discrete spaces
+    or its id. alpha: step size, or decaying(...) with the episodes. baseline: None; a number; or "value", a v_hat
+    learned from the returns with step size alpha_w (om-baseline-update). features: x, (S, d), of policy and v_hat; one
+    a state where None. theta0: a number or (A, d). w0: a number or (d,). every_step: theta moves after each step of the
+    finished episode instead of once. discount_states: with the gamma^t of the theorem. p_min: floor of the
+    probabilities; without it large step sizes end in a policy that is all but deterministic, whose episodes may never
+    end. max_steps: an episode that long is cut; its returns, like those of a truncated one, go on with v_hat of the
+    state it was left in, and end there where no v_hat is learned. record: history keeps theta before the first and
+    after each record-th episode. Returns a Run: weights is theta, V (S,) v_hat where it is learned.
+    Source: Williams (1992); Sutton and Barto (2018), sections 13.3 and 13.4.
+    """
+    theta, w, (b, learned), (X, legal) = theta0, w0, baseline, features
+    returns, lengths, history = log(theta, n_episodes, record)
+    pi, g, g_w = np.zeros(len(theta)), np.zeros_like(theta), np.zeros_like(w)
     for k in range(n_episodes):
-        s, n, done, terminated = reset(world, rng), 0, False, False
-        while not done:
-            if n == states.size:  # no longer episode so far
-                states, actions = np.append(states, states), np.append(actions, actions)
-                rewards, G = np.append(rewards, rewards), np.append(G, G)
-            states[n], actions[n] = s, choose(probabilities(pi, theta, X[s], legal[s], p_min), rng)
-            s, rewards[n], terminated, truncated = act(world, s, actions[n], rng)
-            returns[k] += rewards[n]
-            n += 1
-            done = terminated or truncated or n == max_steps
-        lengths[k] = n
-        G[n] = 0.0 if terminated else dot(w, X[s])  # a return that was cut goes on with the estimate, if there is one
-        for t in range(n - 1, -1, -1):
+        states, actions, rewards, terminated = softmax_episode(world, theta, X, legal, p_min, max_steps, rng)
+        T = rewards.size
+        returns[k], lengths[k], G = total(rewards), T, np.zeros(T + 1)
+        G[T] = 0.0 if terminated else dot(w, X[states[T]])  # a return that was cut goes on with the estimate
+        for t in range(T - 1, -1, -1):
             G[t] = rewards[t] + gamma * G[t + 1]  # eq-u-alg2-return
-        g, g_w, discount = np.zeros_like(theta), np.zeros_like(w), 1.0
-        for t in range(n):
+        discount = 1.0
+        for t in range(T):
             s = states[t]
             delta = G[t] - b - dot(w, X[s])
             probabilities(pi, theta, X[s], legal[s], p_min)
             add_score(g, discount * delta, pi, X[s], actions[t])  # eq-u-alg2-gradient, eq-u-reinforce-baseline
             g_w += delta * X[s]
-            if every_step or t == n - 1:
-                theta += alpha * g  # eq-u-alg2-update
-                w += alpha_w * g_w  # om-baseline-update
+            if every_step or t == T - 1:
+                theta += at(alpha, k) * g  # eq-u-alg2-update
+                if learned:
+                    w += at(alpha_w, k) * g_w  # om-baseline-update
                 g[:] = 0.0
                 g_w[:] = 0.0
             if discount_states:
                 discount *= gamma
-        if record and (k + 1) % record == 0:
-            history[(k + 1) // record] = theta
-    return returns, lengths, history
+        note(history, theta, k, record)
+    return theta, w, returns, lengths, history
 
 
-def reinforce(
-    world, *, n_episodes, gamma=0.99, baseline=None, alpha=0.01, alpha_w=0.01, discount_states=False, max_steps=None,
-    features=None, theta0=0.0, w0=0.0, every_step=False, p_min=0.0, record=1,
-    net=None, critic=None, on_episode=None, rng,
+# ---------------------------------------------------------------------- a network
+
+
+def network_world(name, world, given):
+    """The rule of an environment with Box observations (n,) and Discrete actions, or its id."""
+    world = open_world(name, world)
+    observations, actions = getattr(world, "observation_space", None), getattr(world, "action_space", None)
+    if isinstance(world, Model) or observations is None or actions is None:
+        raise ValueError(f"{name}: got {type(world).__name__}, must be a gymnasium.Env or its id")
+    if not hasattr(actions, "n"):
+        raise ValueError(f"{name}: got actions {actions}, must be Discrete: the policy is a softmax")
+    if hasattr(observations, "n") or len(observations.shape or ()) != 1:
+        raise ValueError(f"{name}: got observations {observations}, must be a Box of shape (n,)")
+    return world
+
+
+def sizes(world):
+    """Length of an observation, and number of actions."""
+    return world.observation_space.shape[0], int(world.action_space.n)
+
+
+def check_networks():
+    """The rules of net, which maps observations to logits, and critic, which maps them to a value."""
+    return dict(
+        net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
+        critic=lambda name, critic, given: check_network(name, critic, sizes(given["world"])[0], 1),
+    )
+
+
+def make_networks(world, net, critic, alpha, alpha_w, rng):
+    """net and critic; where None, an MLP with 32 tanh neurons and Adam. critic = False: none is wanted."""
+    n, A = sizes(world)
+    net = MLP([n, 32, A], optimizer=Adam(alpha.first), rng=rng) if net is None else net
+    if critic is False:
+        return net, None
+    return net, MLP([n, 32, 1], optimizer=Adam(alpha_w.first), rng=rng) if critic is None else critic
+
+
+@checked(world=network_world, alpha=LINEAR["alpha"], baseline=_baseline("value", "time", "normalised"),
+         alpha_w=LINEAR["alpha_w"], **check_networks(), on_episode=function_of("(return, steps so far)"))  # fmt: skip
+def reinforce_network(
+    world, gamma, n_episodes, *, alpha=0.01, baseline=None, alpha_w=0.01, net=None, critic=None, discount_states=False,
+    max_steps=None, on_episode=None, rng,
 ):  # fmt: skip
-    """Gradient ascent on J with the returns of whole episodes. alg-reinforce, alg-reinforce-baseline, fig-52, om-score
+    """REINFORCE for a policy that is a network: states are vectors, actions discrete. alg-reinforce, fig-56
 
-    world: FiniteMDP, gymnasium.Env or its id. alpha: step size. baseline: None; a number; or "value", a v_hat learned
-    from the returns with step size alpha_w (om-baseline-update). discount_states: with the gamma^t of the theorem.
-    max_steps: an episode that long is cut; its returns, like those of a truncated one, go on with v_hat of the state
-    it was left in, and end there where no v_hat is learned.
-
-    Discrete observations: softmax policy in theta . x(s), see `softmax_policy`. features: x, (S, d), of policy and
-    v_hat; one a state where None. theta0: a number or (A, d). w0: a number or (d,). every_step: theta moves after each
-    step of the finished episode instead of once. p_min: floor of the probabilities; without it large step sizes end in
-    a policy that is all but deterministic, whose episodes may never end. record: history keeps theta before the first
-    and after each record-th episode, (n_episodes // record + 1, A, d); 0 keeps none. Run.V (S,) where v_hat is learned.
-
-    Box observations: net maps them to the logits of the actions, critic to v_hat; MLP or TorchNet with an optimizer,
-    where None an MLP with 32 tanh neurons and Adam(alpha) or Adam(alpha_w). baseline may also be "time", the mean of
-    the earlier episodes' G_t, or "normalised", which centres and scales the episode's own returns.
+    world: gymnasium.Env with Box observations of shape (n,), or its id. net: maps them to the logits of the actions;
+    MLP or TorchNet with an optimizer, where None an MLP with 32 tanh neurons and Adam(alpha). baseline: None; a number;
+    "value", the critic's v_hat, as net is, with Adam(alpha_w); "time", the mean of the earlier episodes' G_t; or
+    "normalised", which centres and scales the episode's own returns. Others: as in `reinforce`.
     on_episode(return, steps_so_far): called after each; True ends the training. Run.policy is net, Run.V critic.
-    Source: Williams (1992); Sutton and Barto (2018), sections 13.3 and 13.4.
     """
-    world, gamma, n_episodes = _world(world), check_gamma(gamma), check_count("n_episodes", n_episodes)
-    alpha, alpha_w, rng = check_step("alpha", alpha), check_step("alpha_w", alpha_w, least=0), check_rng(rng)
-    if _is_box(world):
-        _only_for("FiniteMDPs", features=(features, None), theta0=(theta0, 0.0), w0=(w0, 0.0), p_min=(p_min, 0.0))
-        b = _check_baseline(baseline, ("value", "time", "normalised"))
-        if critic is not None and b != "value":
-            raise ValueError(f'critic: got a network with baseline = {baseline!r}, needs baseline "value"')
-        limit = FOREVER if max_steps is None else check_count("max_steps", max_steps)
-        net, critic = _networks(world, net, critic if b == "value" else False, alpha, alpha_w, rng)
-        settings = gamma, n_episodes, b, bool(discount_states), limit, on_episode, rng
-        return Run(*_reinforce_network(world, net, critic, *settings), V=critic, policy=net)
-    _only_for("Box observations", net=(net, None), critic=(critic, None), on_episode=(on_episode, None))
-    b = _check_baseline(baseline, ("value",))
-    legal, X, theta, w, p_min, limit, record = _linear(world, features, theta0, w0, p_min, max_steps, record)
-    if b != "value" and w.any():
-        raise ValueError(f'w0: got {w0!r} with baseline = {baseline!r}, needs baseline "value"')
-    b, alpha_w = (0.0, alpha_w) if b == "value" else (b, 0.0)
-    flags = bool(discount_states), bool(every_step), p_min, limit, record
-    settings = X, legal, gamma, n_episodes, alpha, alpha_w, b, theta, w, *flags
-    returns, lengths, history = run_loop(_reinforce, world, *settings, rng=rng)
-    return _run(world, returns, lengths, X, legal, theta, w if baseline == "value" else None, p_min, history, record)
-
-
-# ---------------------------------------------------------------------- learning: networks
-
-
-def _reinforce_network(env, net, critic, gamma, n_episodes, baseline, discount_states, max_steps, on_episode, rng):
-    if on_episode is not None:
-        check_function("on_episode", on_episode, "(return, steps so far)")
+    if critic is not None and baseline != "value":
+        raise ValueError(f'critic: got a network with baseline = {baseline!r}, needs baseline "value"')
+    net, critic = make_networks(world, net, critic if baseline == "value" else False, alpha, alpha_w, rng)
     returns, lengths, earlier = [], [], TimeBaseline()
-    env.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
-    play = _player(env, net, max_steps, rng)
+    world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
+    play = _player(world, net, max_steps or FOREVER, rng)
     for _ in range(n_episodes):
         states, actions, rewards, terminated = play()
         returns.append(rewards.sum())
@@ -161,7 +177,7 @@ def _reinforce_network(env, net, critic, gamma, n_episodes, baseline, discount_s
         net.step(net.backward(-g))  # eq-u-alg2-update
         if on_episode is not None and on_episode(float(returns[-1]), sum(lengths)):
             break
-    return np.array(returns), np.array(lengths)
+    return Run(np.array(returns), np.array(lengths), V=critic, policy=net)
 
 
 class TimeBaseline:
@@ -215,75 +231,3 @@ def _player(env, net, max_steps, rng):
         return np.array(states, net.theta.dtype), np.array(actions), np.array(rewards, float), terminated
 
     return play
-
-
-# ---------------------------------------------------------------------- checks
-
-
-def _world(world):
-    """world, or the gymnasium environment of that id."""
-    if not isinstance(world, str):
-        return world
-    import gymnasium as gym
-
-    try:
-        return gym.make(world, disable_env_checker=True)
-    except gym.error.Error as error:
-        raise ValueError(f"world: got {world!r}, must be a FiniteMDP, an environment or its id ({error})") from None
-
-
-def _is_box(world):
-    """Whether observations are a vector of numbers; ValueError where actions are continuous."""
-    space = getattr(world, "observation_space", None)
-    if hasattr(world, "action_space") and not hasattr(world.action_space, "n"):
-        raise ValueError(f"world: got actions {world.action_space}, must be Discrete: the policy is a softmax")
-    if isinstance(world, FiniteMDP) or space is None or hasattr(space, "n"):
-        return False
-    if len(space.shape or ()) != 1:
-        raise ValueError(f"world: got observations {space}, must be Discrete or a Box of shape (n,)")
-    return True
-
-
-def _networks(env, net, critic, alpha, alpha_w, rng):
-    """net and critic, made where None; critic = False: none is wanted."""
-    n, A = env.observation_space.shape[0], int(env.action_space.n)
-    net = _network(n, A, alpha, rng) if net is None else check_network("net", net, n, A)
-    if critic is False:
-        return net, None
-    return net, _network(n, 1, alpha_w, rng) if critic is None else check_network("critic", critic, n, 1)
-
-
-def _network(n_in, n_out, alpha, rng):
-    return MLP([n_in, 32, n_out], optimizer=Adam(check_step("alpha_w", alpha)), rng=rng)
-
-
-def _linear(world, features, theta0, w0, p_min, max_steps, record):
-    """Checked settings of the loops with a softmax policy."""
-    legal, _ = spaces(world)
-    X, p_min = check_features(features, len(legal)), check_p_min(p_min, legal.shape[1])
-    theta = check_parameters("theta0", theta0, (legal.shape[1], X.shape[1]))
-    w = check_parameters("w0", w0, (X.shape[1],))
-    limit = check_max_steps(world, max_steps, legal / legal.sum(axis=1, keepdims=True))
-    return legal, X, theta, w, p_min, limit, check_count("record", record, least=0)
-
-
-def _run(world, returns, lengths, X, legal, theta, w, p_min, history, record):
-    V = None if w is None else np.where(spaces(world)[1], 0.0, X @ w)
-    policy = softmax_policy(theta, X, legal, p_min=p_min)
-    return Run(returns, lengths, V=V, policy=policy, history=history if record else None)
-
-
-def _check_baseline(baseline, names):
-    """baseline as a name, or as a number, 0.0 for None."""
-    if isinstance(baseline, str) and baseline in names:
-        return baseline
-    if baseline is not None and not (is_number(baseline) and np.isfinite(baseline)):
-        raise ValueError(f"baseline: got {baseline!r}, must be None, a number, " + " or ".join(map(repr, names)))
-    return float(baseline or 0.0)
-
-
-def _only_for(where, **settings):
-    """ValueError where a setting differs from its default in a world in which it means nothing."""
-    for name, (value, default) in settings.items():
-        if value is not default and (default is None or np.any(np.asarray(value) != default)):
-            raise ValueError(f"{name}: got {value!r}, but it is only for {where}")

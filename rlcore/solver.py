@@ -11,7 +11,8 @@ Each starts below v_*. Source: MacQueen (1966); Puterman (1994), sections 6.5 to
 
 import numpy as np
 
-from rlcore.bellman import greedy, policy_matrix, q_from_v, reaches, solve_policy
+from rlcore.bellman import greedy, policy_matrix, q_from_v, solve_policy
+from rlcore.core.chains import reaches
 from rlcore.core.checks import check_gamma, is_number
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution

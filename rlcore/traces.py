@@ -8,16 +8,18 @@ from rlcore.core.checks import (
     check_count,
     check_gamma,
     check_probability,
-    check_q0,
     check_rate,
-    check_rng,
+    choice,
 )
-from rlcore.core.compiled import compiled
-from rlcore.core.results import Run, WatkinsRun
-from rlcore.core.sampling import cumulative, draw
-from rlcore.core.worlds import act, books, check_max_steps, check_prediction, reset, run_loop, spaces, value_run
+from rlcore.core.compiled import compiled, inlined
+from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.results import WatkinsRun
+from rlcore.core.sampling import draw
+from rlcore.core.schedules import at, now
+from rlcore.core.worlds import act, reset
 from rlcore.nstep import visited_values
-from rlcore.policies import epsilon_greedy, max_value, soft_greedy
+from rlcore.policies import control, epsilon_greedy, max_value
+from rlcore.td import td_error
 
 TRACES = ("accumulating", "dutch", "replacing")
 
@@ -37,18 +39,18 @@ def trace_update(e, visited, gamma_lam, kind, alpha=None):
         raise ValueError(f"visited: got {visited}, must be 0 or 1")
     decay = check_probability("gamma_lam", gamma_lam)
     if kind == "dutch as printed":
-        return (1 - check_rate(alpha)) * decay * e + visited  # eq-u-trace-dutch
-    keep = kept(kind, alpha, "kind")
+        return (1 - check_rate("alpha", alpha)) * decay * e + visited  # eq-u-trace-dutch
+    choice(*TRACES, "dutch as printed")("kind", kind, None)
+    keep = kept(kind, check_rate("alpha", alpha) if kind == "dutch" else None)
     return decay * e * np.where(visited == 1, keep, 1.0) + visited  # eq-34, eq-35
 
 
-def kept(kind, alpha, name="trace"):
+@inlined
+def kept(trace, alpha):
     """How much of the decayed trace of the visited state stays when 1 is added: 1, 1 - alpha or 0. cl-076"""
-    if kind not in TRACES:
-        raise ValueError(f"{name}: got {kind!r}, allowed are {', '.join(map(repr, TRACES))}")
-    if kind == "dutch":
-        return 1 - check_rate(alpha)
-    return 1.0 if kind == "accumulating" else 0.0
+    if trace == "dutch":
+        return 1 - alpha
+    return 1.0 if trace == "accumulating" else 0.0
 
 
 def trace_course(visits, n_steps, gamma_lam, kind, alpha=None):
@@ -72,12 +74,12 @@ def backward_increments(states, rewards, V, gamma, lam, alpha, trace="accumulati
     """
     states, rewards, values, V = visited_values(states, rewards, V)
     gamma_lam = check_gamma(gamma) * check_probability("lam", lam)
-    kept(trace, alpha)
+    choice(*TRACES)("trace", trace, None)
     delta = rewards + gamma * values[1:] - values[:-1]  # eq-36
     E, e = np.zeros((rewards.size, V.size)), np.zeros(V.size)
     for t, s in enumerate(states[: rewards.size]):
         E[t] = e = trace_update(e, np.arange(V.size) == s, gamma_lam, trace, alpha)
-    return check_rate(alpha) * delta[:, None] * E  # eq-37
+    return check_rate("alpha", alpha) * delta[:, None] * E  # eq-37
 
 
 # ---------------------------------------------------------------------- prediction
@@ -106,6 +108,7 @@ def credit(table, e, live, n, step, decay):
     return n if decay > 0.0 else 0
 
 
+@learner(prediction, trace=choice(*TRACES))
 def td_lambda(
     world,
     pi,
@@ -118,7 +121,7 @@ def td_lambda(
     online=True,
     V0=0.0,
     max_steps=None,
-    record=1,
+    record=0,
     rng,
 ):
     """v_pi by TD(lambda), each TD error credited to all states by their traces. alg-td-lambda-acc, cl-073, cl-074
@@ -129,182 +132,132 @@ def td_lambda(
     Others, and the Run that it returns: as in n_step_td.
     Source: Sutton (1988); Sutton and Barto (2018), section 12.2.
     """
-    alpha, lam = check_rate(alpha), check_probability("lam", lam)
-    keep = kept(trace, alpha)
-    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
-    found = run_loop(_td_lambda, world, cumulative(pi), *settings, lam, alpha, keep, bool(online), rng=rng)
-    return value_run(found, pi, record)
-
-
-@compiled
-def _td_lambda(world, pi_cdf, gamma, n_episodes, V, max_steps, record, lam, alpha, keep, online, rng):
-    history, returns, lengths = books(V, n_episodes, record)
+    V, e, live, n = V0, np.zeros_like(V0), np.zeros(V0.size + 1, np.int64), 0  # states whose trace is not 0: live[:n]
+    returns, lengths, history = log(V, n_episodes, record)
     change = V if online else np.zeros_like(V)
-    e, live, n = np.zeros_like(V), np.zeros(V.size + 1, np.int64), 0  # states whose trace is not 0: live[:n]
-    for i in range(n_episodes):
-        s = reset(world, rng)
+    for k in range(n_episodes):
+        s, done, step = reset(world, rng), False, at(alpha, k)
+        keep = kept(trace, step)
         e[live[:n]] = 0.0
-        t, n, done = 0, 0, False
+        n = 0
         while not done:
-            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
-            delta = r + gamma * V[s_next] * (not terminated) - V[s]  # eq-36
+            s_next, r, terminated, truncated = act(world, s, draw(pi[s], rng), rng)
+            delta = td_error(r, V[s], V[s_next], gamma, terminated)  # eq-36
             n = visit(e, live, n, s, keep)  # eq-35
-            n = credit(change, e, live, n, alpha * delta, gamma * lam)  # eq-37, eq-34
-            returns[i] += r
-            t += 1
-            s, done = s_next, terminated or truncated or t >= max_steps
+            n = credit(change, e, live, n, step * delta, gamma * lam)  # eq-37, eq-34
+            returns[k] += r
+            lengths[k] += 1
+            s, done = s_next, terminated or truncated or lengths[k] == max_steps
         if not online:
             V += change  # eq-29
             change[:] = 0.0
-        lengths[i] = t
-        if record and (i + 1) % record == 0:
-            history[(i + 1) // record] = V
-    return returns, lengths, V, history
+        note(history, V, k, record)
+    return V, returns, lengths, history
 
 
-def true_online_td_lambda(world, pi, gamma, lam, n_episodes, *, alpha, V0=0.0, max_steps=None, record=1, rng):
+@learner(prediction)
+def true_online_td_lambda(world, pi, gamma, lam, n_episodes, *, alpha, V0=0.0, max_steps=None, record=0, rng):
     """v_pi by TD(lambda) whose V at each step is that of the lambda-returns up to this step. alg-td-lambda-dutch
 
     Dutch traces, and a correction for what V(S_t) has gained since it was the target. Arguments and the Run that it
     returns: as in td_lambda. Source: van Seijen and Sutton (2014); Sutton and Barto (2018), section 12.5.
     """
-    alpha, lam = check_rate(alpha), check_probability("lam", lam)
-    pi, *settings = check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng)
-    found = run_loop(_true_online_td_lambda, world, cumulative(pi), *settings, lam, alpha, rng=rng)
-    return value_run(found, pi, record)
-
-
-@compiled
-def _true_online_td_lambda(world, pi_cdf, gamma, n_episodes, V, max_steps, record, lam, alpha, rng):
-    history, returns, lengths = books(V, n_episodes, record)
-    e, live, n = np.zeros_like(V), np.zeros(V.size + 1, np.int64), 0
-    for i in range(n_episodes):
-        s = reset(world, rng)
+    V, e, live, n = V0, np.zeros_like(V0), np.zeros(V0.size + 1, np.int64), 0
+    returns, lengths, history = log(V, n_episodes, record)
+    for k in range(n_episodes):
+        s, done, step = reset(world, rng), False, at(alpha, k)
         e[live[:n]] = 0.0
-        t, n, done, V_old = 0, 0, False, V[s]
+        n, V_old = 0, V[s]
         while not done:
-            s_next, r, terminated, truncated = act(world, s, draw(pi_cdf[s], rng), rng)
+            s_next, r, terminated, truncated = act(world, s, draw(pi[s], rng), rng)
             V_s, V_next = V[s], V[s_next] * (not terminated)
-            delta = r + gamma * V_next - V_s  # eq-36
-            n = visit(e, live, n, s, 1 - alpha)  # eq-35
-            n = credit(V, e, live, n, alpha * (delta + V_s - V_old), gamma * lam)  # eq-37, eq-34
-            V[s] -= alpha * (V_s - V_old)
+            delta = td_error(r, V_s, V_next, gamma)  # eq-36
+            n = visit(e, live, n, s, 1 - step)  # eq-35
+            n = credit(V, e, live, n, step * (delta + V_s - V_old), gamma * lam)  # eq-37, eq-34
+            V[s] -= step * (V_s - V_old)
             V_old = V_next
-            returns[i] += r
-            t += 1
-            s, done = s_next, terminated or truncated or t >= max_steps
-        lengths[i] = t
-        if record and (i + 1) % record == 0:
-            history[(i + 1) // record] = V
-    return returns, lengths, V, history
+            returns[k] += r
+            lengths[k] += 1
+            s, done = s_next, terminated or truncated or lengths[k] == max_steps
+        note(history, V, k, record)
+    return V, returns, lengths, history
 
 
 # ---------------------------------------------------------------------- control
 
 
+@learner(control, trace=choice(*TRACES))
 def sarsa_lambda(
-    world, gamma, lam, n_episodes, *, alpha, epsilon, trace="accumulating", Q0=0.0, max_steps=None, record=1, rng
+    world, gamma, lam, n_episodes, *, alpha, epsilon, trace="accumulating", Q0=0.0, max_steps=None, record=0, rng
 ):
     """SARSA with a trace for each pair. alg-sarsa-lambda, fig-28, cl-078
 
-    world: FiniteMDP, or gymnasium.Env with Discrete spaces. lam: trace decay in [0, 1]; 0 is SARSA. alpha: in (0, 1].
-    epsilon: probability of a random action. trace: "accumulating", "dutch" or "replacing". Q0: a number or (S, A).
-    max_steps: an episode that long is cut, and its last step bootstraps; None: never. record: as in n_step_td.
-    Returns a Run: Q (-inf where a is not in A(s)), V = max Q, the epsilon-greedy policy of the last Q, and history
-    (n_episodes // record + 1, S, A). Source: Sutton and Barto (1998), section 7.5; Rummery and Niranjan (1994).
+    world: FiniteMDP, gymnasium.Env or its id. lam: trace decay in [0, 1]; 0 is SARSA. alpha: in (0, 1], or
+    decaying(...). epsilon: probability of a random action, or decaying(...). trace: "accumulating", "dutch" or
+    "replacing". Q0: a number or (S, A). max_steps: an episode that long is cut, and its last step bootstraps; None:
+    never. record: as in n_step_td. Returns a Run: Q (-inf where a is not in A(s)), V = max Q, the epsilon-greedy policy
+    of the last Q. Source: Sutton and Barto (1998), section 7.5; Rummery and Niranjan (1994).
     """
-    settings = _control(world, gamma, lam, n_episodes, alpha, epsilon, trace, Q0, max_steps, record, rng)
-    return Run(**_action_value_run(run_loop(_sarsa_lambda, world, *settings, rng=rng), epsilon, record))
-
-
-@compiled
-def _sarsa_lambda(world, gamma, lam, n_episodes, alpha, epsilon, keep, Q, max_steps, record, rng):
-    history, returns, lengths = books(Q, n_episodes, record)
-    A, table = Q.shape[1], Q.reshape(-1)  # the pair (s, a) at s A + a
-    E, live, n = np.zeros_like(table), np.zeros(table.size + 1, np.int64), 0  # pairs whose trace is not 0: live[:n]
-    for i in range(n_episodes):
-        s = reset(world, rng)
-        a = epsilon_greedy(Q, s, epsilon, rng)
+    Q, A, q, steps = Q0, Q0.shape[1], Q0.reshape(-1), 0  # the pair (s, a) at s A + a of q
+    E, live, n = np.zeros_like(q), np.zeros(q.size + 1, np.int64), 0  # pairs whose trace is not 0: live[:n]
+    returns, lengths, history = log(Q, n_episodes, record)
+    for k in range(n_episodes):
+        s, done, step = reset(world, rng), False, at(alpha, k)
+        a, keep = epsilon_greedy(Q, s, now(epsilon, k, steps), rng), kept(trace, step)
         E[live[:n]] = 0.0
-        t, n, done = 0, 0, False
+        n = 0
         while not done:
             s_next, r, terminated, truncated = act(world, s, a, rng)
-            a_next = epsilon_greedy(Q, s_next, epsilon, rng)
-            delta = r + gamma * Q[s_next, a_next] * (not terminated) - Q[s, a]  # eq-39
+            steps += 1
+            a_next = epsilon_greedy(Q, s_next, now(epsilon, k, steps), rng)
+            delta = td_error(r, Q[s, a], Q[s_next, a_next], gamma, terminated)  # eq-39
             n = visit(E, live, n, s * A + a, keep)  # eq-u-trace-accumulating, eq-u-trace-replacing
-            n = credit(table, E, live, n, alpha * delta, gamma * lam)  # eq-38
-            returns[i] += r
-            t += 1
-            s, a, done = s_next, a_next, terminated or truncated or t >= max_steps
-        lengths[i] = t
-        if record and (i + 1) % record == 0:
-            history[(i + 1) // record] = Q
-    return returns, lengths, Q, history
+            n = credit(q, E, live, n, step * delta, gamma * lam)  # eq-38
+            returns[k] += r
+            lengths[k] += 1
+            s, a, done = s_next, a_next, terminated or truncated or lengths[k] == max_steps
+        note(history, Q, k, record)
+    return Q, returns, lengths, history
 
 
+def _with_cuts(given, *found):
+    *found, cuts = found
+    return control(given, *found, kind=WatkinsRun, cuts=cuts)
+
+
+@learner(_with_cuts, trace=choice(*TRACES))
 def watkins_q_lambda(
-    world, gamma, lam, n_episodes, *, alpha, epsilon, trace="accumulating", Q0=0.0, max_steps=None, record=1, rng
+    world, gamma, lam, n_episodes, *, alpha, epsilon, trace="accumulating", Q0=0.0, max_steps=None, record=0, rng
 ):
     """Q-learning with a trace for each pair, all cut at an exploratory action. alg-watkins, fig-29, eq-u-watkins-trace
 
     lam = 0 is Q-learning. An action that ties for the maximum is greedy. Arguments: as in sarsa_lambda. Returns what it
     returns, as a WatkinsRun. Source: Watkins (1989); Sutton and Barto (1998), section 7.6.
     """
-    settings = _control(world, gamma, lam, n_episodes, alpha, epsilon, trace, Q0, max_steps, record, rng)
-    *found, cuts = run_loop(_watkins_q_lambda, world, *settings, rng=rng)
-    return WatkinsRun(**_action_value_run(found, epsilon, record), cuts=cuts)
-
-
-@compiled
-def _watkins_q_lambda(world, gamma, lam, n_episodes, alpha, epsilon, keep, Q, max_steps, record, rng):
-    history, returns, lengths = books(Q, n_episodes, record)
-    A, table = Q.shape[1], Q.reshape(-1)
-    E, live, n = np.zeros_like(table), np.zeros(table.size + 1, np.int64), 0
-    cuts, n_cuts = np.zeros(128, np.int64), 0
-    for i in range(n_episodes):
-        s = reset(world, rng)
-        a = epsilon_greedy(Q, s, epsilon, rng)
+    Q, A, q, steps = Q0, Q0.shape[1], Q0.reshape(-1), 0
+    E, live, n = np.zeros_like(q), np.zeros(q.size + 1, np.int64), 0
+    returns, lengths, history = log(Q, n_episodes, record)
+    cuts, since_cut = [0 for _ in range(0)], 0
+    for k in range(n_episodes):
+        s, done, step = reset(world, rng), False, at(alpha, k)
+        a, keep = epsilon_greedy(Q, s, now(epsilon, k, steps), rng), kept(trace, step)
         E[live[:n]] = 0.0
-        t, n, done, since_cut = 0, 0, False, 0
+        n = since_cut = 0
         while not done:
             s_next, r, terminated, truncated = act(world, s, a, rng)
-            a_next = epsilon_greedy(Q, s_next, epsilon, rng)
-            Q_next, best = Q[s_next, a_next], max_value(Q, s_next)
-            delta = r + gamma * best * (not terminated) - Q[s, a]  # eq-41
+            steps += 1
+            a_next = epsilon_greedy(Q, s_next, now(epsilon, k, steps), rng)
+            best = max_value(Q, s_next)
+            greedy = Q[s_next, a_next] == best
+            delta = td_error(r, Q[s, a], best, gamma, terminated)  # eq-41
             n = visit(E, live, n, s * A + a, keep)  # eq-u-watkins-trace
-            n = credit(table, E, live, n, alpha * delta, gamma * lam if Q_next == best else 0.0)  # eq-40
-            returns[i] += r
-            t += 1
+            n = credit(q, E, live, n, step * delta, gamma * lam if greedy else 0.0)  # eq-40
             since_cut += 1
-            s, a, done = s_next, a_next, terminated or truncated or t >= max_steps
-            if Q_next != best:
-                if n_cuts == cuts.size:
-                    cuts = np.concatenate((cuts, cuts))
-                cuts[n_cuts] = since_cut
-                n_cuts, since_cut = n_cuts + 1, 0
-        lengths[i] = t
-        if record and (i + 1) % record == 0:
-            history[(i + 1) // record] = Q
-    return returns, lengths, Q, history, cuts[:n_cuts].copy()
-
-
-def _control(world, gamma, lam, n_episodes, alpha, epsilon, trace, Q0, max_steps, record, rng):
-    """gamma, lam, n_episodes, alpha, epsilon, keep, Q, max_steps, record as loops take them."""
-    (legal, terminal), gamma, lam = spaces(world), check_gamma(gamma), check_probability("lam", lam)
-    n_episodes, record, _ = check_count("n_episodes", n_episodes), check_count("record", record, 0), check_rng(rng)
-    alpha, epsilon, Q = check_rate(alpha), check_probability("epsilon", epsilon), check_q0(legal, terminal, Q0)
-    max_steps = check_max_steps(world, max_steps, legal / legal.sum(axis=1, keepdims=True))
-    return gamma, lam, n_episodes, alpha, epsilon, kept(trace, alpha), Q, max_steps, record
-
-
-def _action_value_run(found, epsilon, record):
-    """The fields of the Run of a loop that learned Q."""
-    returns, lengths, Q, history = found
-    return dict(
-        returns=returns,
-        lengths=lengths,
-        V=Q.max(axis=1),
-        Q=Q,
-        policy=soft_greedy(Q, epsilon),
-        history=history if record else None,
-    )
+            if not greedy:
+                cuts.append(since_cut)
+                since_cut = 0
+            returns[k] += r
+            lengths[k] += 1
+            s, a, done = s_next, a_next, terminated or truncated or lengths[k] == max_steps
+        note(history, Q, k, record)
+    return Q, returns, lengths, history, np.array(cuts, np.int64)

@@ -10,11 +10,11 @@ from worlds import awkward, loop, stay_or_go
 from rlcore import bellman, dp, envs, mdp, td, traces
 from rlcore.batch import batch_td
 from rlcore.core.checks import check_rate
+from rlcore.core.schedules import check_schedule, decaying
 from rlcore.mdp import FiniteMDP, uniform_policy
 from rlcore.policies import softmax_policy
 from rlcore.policy_gradient import gradient_ascent
 from rlcore.reinforce import reinforce
-from rlcore.schedules import check_schedule, decaying
 from rlcore.solver import solve
 from rlcore.studies.ch02 import cost_of_a_sweep
 from rlcore.studies.ch03 import reinforce_linear, spread_updates

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from agents import make_small, move, rng, samples
 
+from rlcore.distributions import Categorical, Gaussian
 from rlcore.nn import MLP
-from rlcore.policies import Categorical, Gaussian
 from rlcore.ppo import PPOConfig, _improve, objective_gradient
 from rlcore.studies.ch08 import supervised_logprob_grad
 from rlcore.torchnet import TorchNet

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from rlcore import neurons
+from rlcore.distributions import Categorical, Gaussian
 from rlcore.neurons import log_softmax, softmax
-from rlcore.policies import Categorical, Gaussian
 
 B, A, D = 7, 4, 3
 TOLERANCE = {np.float32: 1e-5, np.float64: 1e-10}

@@ -13,10 +13,10 @@ from latex import gradient
 
 from rlcore.core.agents import ActorCritic
 from rlcore.core.rollouts import rollouts, vector_env
+from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 from rlcore.nn import MLP
 from rlcore.optimizers import SGD, Adam
-from rlcore.policies import Categorical, Gaussian
 from rlcore.ppo import (
     MAX_LOG_RATIO,
     OBJECTIVES,

@@ -16,11 +16,12 @@ from rlcore import trust_region as sur
 from rlcore.bellman import q_from_v, solve_policy
 from rlcore.core.agents import ActorCritic
 from rlcore.core.rollouts import Rollout
+from rlcore.distributions import Categorical
 from rlcore.envs import random_mdp
 from rlcore.gae import gae, learning_data
 from rlcore.nn import MLP
 from rlcore.optimizers import SGD
-from rlcore.policies import Categorical, softmax_policy
+from rlcore.policies import softmax_policy
 from rlcore.ppo import PPOConfig, _improve, objective_gradient
 from rlcore.studies.ch08 import supervised_logprob_grad
 from rlcore.trpo import TRPOConfig, _surrogate_gradient, conjugate_gradient, fisher_vector_product, trpo_step

@@ -14,10 +14,11 @@ from latex import NOTICED, Scope, broken, inline, printed, sides, unnamed
 
 from rlcore.actor_critic import actor_critic
 from rlcore.bellman import policy_matrix, q_from_v, solve_policy
+from rlcore.distributions import Categorical
 from rlcore.envs import random_mdp, short_corridor
 from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.neurons import softmax
-from rlcore.policies import Categorical, grad_log_softmax, softmax_policy
+from rlcore.policies import grad_log_softmax, softmax_policy
 from rlcore.policy_gradient import episode_gradient, gradient_ascent, objective, policy_gradient_exact
 from rlcore.reinforce import reinforce
 

@@ -15,13 +15,14 @@ from worlds import awkward, chain, loop
 from rlcore.actor_critic import actor_critic
 from rlcore.bellman import solve_policy
 from rlcore.core.compiled import HAVE_NUMBA
+from rlcore.distributions import Categorical
 from rlcore.envs import MDPEnv, random_mdp, random_walk, recycling_robot, short_corridor
 from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.neurons import softmax
 from rlcore.nn import MLP
 from rlcore.optimizers import SGD, Adam
-from rlcore.policies import Categorical, grad_log_softmax, softmax_policy
 from rlcore.policies import choose as _choose
+from rlcore.policies import grad_log_softmax, softmax_policy
 from rlcore.policy_gradient import (
     episode_gradient,
     gradient_ascent,

@@ -11,11 +11,11 @@ from gymnasium.wrappers import TimeLimit
 
 from rlcore.core.agents import ActorCritic, Normaliser, make_agent
 from rlcore.core.rollouts import Episodes, OneEnv, Rollout, Settings, collect, make_run, rollouts, vector_env
+from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import gae, learning_data
 from rlcore.nn import MLP
 from rlcore.nstep import lambda_return
 from rlcore.optimizers import SGD, Adam
-from rlcore.policies import Categorical, Gaussian
 from rlcore.ppo import PPOConfig
 from rlcore.trpo import fit_values
 

@@ -7,9 +7,10 @@ from scipy.optimize import minimize
 
 from rlcore import envs
 from rlcore import trust_region as sur
+from rlcore.distributions import Categorical
 from rlcore.dp import policy_iteration
 from rlcore.mdp import FiniteMDP, uniform_policy
-from rlcore.policies import Categorical, softmax_policy
+from rlcore.policies import softmax_policy
 from rlcore.policy_gradient import policy_gradient_exact
 
 

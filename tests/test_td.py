@@ -15,12 +15,12 @@ from worlds import awkward
 from rlcore.batch import batch_mc, batch_td, certainty_equivalence
 from rlcore.bellman import greedy, q_from_v, solve_policy, v_from_q
 from rlcore.core.compiled import HAVE_NUMBA
+from rlcore.core.schedules import decaying
 from rlcore.dp import value_iteration
 from rlcore.envs import MDPEnv, cliff_walking, dyna_maze, random_mdp, random_walk, recycling_robot, windy_gridworld
 from rlcore.mdp import FiniteMDP, Trajectory, deterministic_policy, discounted_returns, rollout, uniform_policy
 from rlcore.monte_carlo import constant_alpha_mc, mc_prediction
 from rlcore.policies import expected_value, soft_greedy
-from rlcore.schedules import decaying
 from rlcore.td import expected_sarsa, q_learning, sarsa, td0, td_error, td_target
 
 REFERENCE = json.loads((Path(__file__).parent / "reference_td.json").read_text())

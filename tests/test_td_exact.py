@@ -8,12 +8,12 @@ import pytest
 
 from rlcore.batch import batch_mc, batch_td, certainty_equivalence
 from rlcore.core.sampling import cumulative, draw
+from rlcore.core.schedules import decaying
 from rlcore.core.worlds import books
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, Trajectory, uniform_policy
 from rlcore.monte_carlo import constant_alpha_mc, mc_prediction
 from rlcore.policies import epsilon_greedy, soft_greedy
-from rlcore.schedules import decaying
 from rlcore.studies.ch02 import backups_per_second
 from rlcore.studies.ch04 import first_updates, repeat, squared_error, walk_error, with_random_actions
 from rlcore.td import expected_sarsa, q_learning, sarsa, td0

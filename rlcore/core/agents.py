@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from rlcore.distributions import Categorical, Gaussian
 from rlcore.nn import MLP, check_network
 from rlcore.optimizers import Adam
-from rlcore.policies import Categorical, Gaussian
 
 
 class ActorCritic:

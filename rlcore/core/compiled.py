@@ -10,6 +10,7 @@ from pathlib import Path
 HAVE_NUMBA = importlib.util.find_spec("numba") is not None and os.environ.get("RLCORE_NO_NUMBA") != "1"
 
 _lazy = []
+_inlined = []
 
 
 class _Lazy:
@@ -28,7 +29,11 @@ class _Lazy:
 
 def _link():
     """Give every waiting function its dispatcher, under the names by which compiled functions call each other."""
+    from numba import extending
+
     _announce()
+    while _inlined:
+        extending.register_jitable(_inlined.pop())
     for lazy in _lazy:
         if lazy.dispatcher is None:
             lazy.dispatcher = _dispatcher(lazy.__wrapped__)
@@ -90,3 +95,10 @@ def _sources():
 def compiled(function):
     """Compile `function` with numba on first use; leave it alone where there is no numba or RLCORE_NO_NUMBA=1."""
     return _Lazy(function) if HAVE_NUMBA else function
+
+
+def inlined(function):
+    """A plain function outside, part of the machine code inside compiled functions that call it."""
+    if HAVE_NUMBA:
+        _inlined.append(function)
+    return function

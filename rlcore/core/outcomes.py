@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.core.checks import as_floats, check_count, check_index, is_number
+from rlcore.core.checks import as_flags, as_floats, check_count, check_index, is_number
 
 
 def from_outcomes(outcomes, n_states, n_actions, start):
@@ -39,7 +39,7 @@ def from_arrays(P, R, terminal, start):
         bad = P[~(np.isfinite(P) & (P >= 0))][0]
         raise ValueError(f"P: contains {bad:g}, must be probabilities")
     R = np.broadcast_to(R if R.ndim == 3 else R[:, :, None], P.shape)
-    terminal = np.zeros(len(P), bool) if terminal is None else as_floats("terminal", terminal).astype(bool)
+    terminal = np.zeros(len(P), bool) if terminal is None else as_flags("terminal", terminal)
     if terminal.shape != (len(P),):
         raise ValueError(f"terminal: got shape {terminal.shape}, must be ({len(P)},)")
     bad = terminal[:, None, None] & (
@@ -138,7 +138,7 @@ def _start(start, terminal):
             raise ValueError("terminal: every state is terminal, needs at least one that is not")
         return ~terminal / np.sum(~terminal)
     if np.ndim(start) == 0:
-        return np.arange(terminal.size) == check_index("start", start, terminal.size)
+        return 1.0 * (np.arange(terminal.size) == check_index("start", start, terminal.size))
     return start
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.mdp import FiniteMDP
+from rlcore.core.checks import Model
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +26,14 @@ class Solution:
     history: np.ndarray | None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """What a learning run leaves behind; what is not estimated is None.
+    """What a learning run leaves behind; what is not estimated or not kept is None.
 
-    returns, lengths: (n_episodes,), undiscounted sum of rewards and number of steps of each episode. V: (S,).
-    Q, policy: (S, A). history: (n_episodes + 1, ...), the estimates before the first and after each episode.
+    returns, lengths: (n_episodes,), undiscounted sum of rewards and number of steps of each episode. V: (S,), or the
+    critic. Q: (S, A). policy: what one acts with, (S, A) or a network. history: the estimates before the first and
+    after each record-th episode, where `record` asks for them. visits: updates of each state (S,) or pair (S, A).
+    weights: theta of a linear policy, (A, d).
     """
 
     returns: np.ndarray
@@ -40,16 +42,26 @@ class Run:
     Q: np.ndarray | None = None
     policy: np.ndarray | None = None
     history: np.ndarray | None = None
+    visits: np.ndarray | None = None
+    weights: np.ndarray | None = None
+
+    def __repr__(self):
+        size = f"{self.returns.size} episodes, {self.lengths.sum():,} steps"
+        held = {name: value for name, value in vars(self).items() if value is not None}
+        held = [
+            f"{k} {getattr(v, 'shape', type(v).__name__)}" for k, v in held.items() if k not in ("returns", "lengths")
+        ]
+        return f"{type(self).__name__}({', '.join([size, *held])})"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlanningRun(Run):
     """A Run that keeps the model it learned, so that it can answer `predict`. ex-prediction-test"""
 
-    model: FiniteMDP | None = None
+    model: Model | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WatkinsRun(Run):
     """A Run that keeps `cuts`: over how many steps the traces had grown whenever an exploratory action cut them."""
 

@@ -4,12 +4,10 @@ import types
 
 import numpy as np
 
-from rlcore.bellman import policy_matrix, reaches
-from rlcore.core.checks import check_count, check_gamma, check_pi, check_rng, check_v0
+from rlcore.core.chains import ends
+from rlcore.core.checks import Model, check_count, show, spaces, takes_none
 from rlcore.core.compiled import compiled
-from rlcore.core.results import Run
 from rlcore.core.sampling import draw, step
-from rlcore.mdp import FiniteMDP
 
 FOREVER = np.iinfo(np.int64).max
 
@@ -28,12 +26,33 @@ def act(world, s, a, rng):
 
 
 @compiled
-def books(table, n_episodes, record):
-    """history with table as its first row, and returns and lengths of the episodes to come, all 0."""
-    n_kept = 1 + (n_episodes // record if record else 0)
-    history = np.zeros((n_kept, *table.shape))
-    history[0] = table
-    return history, np.zeros(n_episodes), np.zeros(n_episodes, np.int64)
+def episode(world, pi_cdf, max_steps, rng):
+    """One episode under pi: states (T + 1,), actions (T,), rewards (T,), and whether its last state is terminal."""
+    states, actions, rewards = np.zeros(65, np.int64), np.zeros(64, np.int64), np.zeros(64)
+    s, t, done, terminated = reset(world, rng), 0, False, False
+    states[0] = s
+    while not done:
+        if t == rewards.size:
+            states, actions, rewards = (
+                np.append(states, states),
+                np.append(actions, actions),
+                np.append(rewards, rewards),
+            )
+        actions[t] = draw(pi_cdf[s], rng)
+        s, rewards[t], terminated, truncated = act(world, s, actions[t], rng)
+        t += 1
+        states[t] = s
+        done = terminated or truncated or t == max_steps
+    return states[: t + 1], actions[:t], rewards[:t], terminated
+
+
+@compiled
+def total(rewards):
+    """The sum of an episode's rewards, in their order."""
+    G = 0.0
+    for r in rewards:
+        G += r
+    return G
 
 
 def _reset_env(env, rng):
@@ -50,59 +69,53 @@ def run_loop(loop, world, *args, rng):
 
     The environment draws from `rng`, too, so that MDPEnv(mdp) gives what mdp gives, bit by bit.
     """
-    if isinstance(world, FiniteMDP):
+    if isinstance(world, Model):
         return loop(world.sampler(), *args, rng)
     world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
     world.unwrapped.np_random = rng
-    body = getattr(loop, "__wrapped__", loop)
-    names = body.__globals__ | {"reset": _reset_env, "act": _act_env}
-    return types.FunctionType(body.__code__, names, body.__name__, body.__defaults__)(world, *args, rng)
+    return _on_environments(loop)(world, *args, rng)
 
 
-def spaces(world):
-    """(legal, terminal) of a world, (S, A) and (S,) bool; every action is legal and no state known to be terminal in an
-    environment that is not an MDPEnv.
-
-    Raises ValueError unless world is a FiniteMDP or a gymnasium.Env whose observations and actions are Discrete.
-    """
-    model = world if isinstance(world, FiniteMDP) else getattr(getattr(world, "unwrapped", None), "mdp", None)
-    if isinstance(model, FiniteMDP):
-        return model.legal, model.terminal
-    sizes = [getattr(getattr(world, f"{name}_space", None), "n", None) for name in ("observation", "action")]
-    if None in sizes:
-        kind = type(world).__name__
-        raise ValueError(
-            f"world: got {kind}, must be a FiniteMDP or a gymnasium.Env with Discrete observations and actions"
-        )
-    return np.ones(sizes, bool), np.zeros(sizes[0], bool)
+def _on_environments(loop):
+    """The Python body of a compiled function, and of those that it calls, with an environment's reset and step."""
+    body = getattr(loop, "__wrapped__", None) or getattr(loop, "py_func", loop)
+    names = dict(body.__globals__, reset=_reset_env, act=_act_env)
+    for name in set(body.__code__.co_names) & RECORDERS:
+        names[name] = _on_environments(names[name])
+    return types.FunctionType(body.__code__, names, body.__name__, body.__defaults__)
 
 
-def check_max_steps(world, max_steps, pi=None):
-    """max_steps as an integer; None, for no limit, is refused where an episode under pi may never end."""
+RECORDERS = {"episode", "softmax_episode"}  # compiled functions that act in the world, called by learners
+
+
+def open_world(name, world, given=None):
+    """world; an id is made an environment. ValueError where there is none of that name."""
+    if not isinstance(world, str):
+        return world
+    import gymnasium as gym
+
+    try:
+        return gym.make(world, disable_env_checker=True)
+    except gym.error.Error as error:
+        message = f"{name}: got {show(world)}, must be a FiniteMDP, an environment or its id ({error})"
+        raise ValueError(message) from None
+
+
+def tabular_world(name, world, given):
+    """The rule of a world whose states and actions are numbered."""
+    world = open_world(name, world)
+    spaces(world)
+    return world
+
+
+@takes_none
+def step_limit(name, max_steps, given):
+    """The rule of max_steps: None, for no limit, is refused where an episode may never end."""
     if max_steps is not None:
-        return check_count("max_steps", max_steps)
-    if isinstance(world, FiniteMDP) and pi is not None and not _ends(world, pi):
-        raise ValueError("max_steps: got None, must be a number because some episode under pi never ends")
+        return check_count(name, max_steps)
+    world, pi = given["world"], given.get("pi")
+    if isinstance(world, Model):
+        pi = world.legal / world.legal.sum(axis=1, keepdims=True) if pi is None else pi
+        if not ends(world, pi):
+            raise ValueError(f"{name}: got None, must be a number because some episode under pi never ends")
     return FOREVER
-
-
-def _ends(mdp, pi):
-    """Whether every state that pi can meet leads to a terminal one; walled-off cells do not matter."""
-    P, _ = policy_matrix(mdp, pi)
-    return bool((reaches(P, mdp.terminal) | ~reaches(P.T, mdp.start > 0)).all())
-
-
-# ---------------------------------------------------------------------- what the learners share
-
-
-def check_prediction(world, pi, gamma, n_episodes, V0, max_steps, record, rng):
-    """pi, gamma, n_episodes, V, max_steps, record as loops take them."""
-    (legal, terminal), gamma, n_episodes = spaces(world), check_gamma(gamma), check_count("n_episodes", n_episodes)
-    pi, V, record, _ = check_pi(legal, pi), check_v0(terminal, V0), check_count("record", record, 0), check_rng(rng)
-    return pi, gamma, n_episodes, V, check_max_steps(world, max_steps, pi), record
-
-
-def value_run(found, pi, record):
-    """The Run of a loop that learned v_pi."""
-    returns, lengths, V, history = found
-    return Run(returns, lengths, V=V, policy=pi, history=history if record else None)

@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 
+from rlcore.distributions import Categorical, Gaussian
 from rlcore.envs import short_corridor
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
 from rlcore.mdp import FiniteMDP
 from rlcore.neurons import softmax
-from rlcore.policies import Categorical, Gaussian
 from rlcore.policy_gradient import episode_gradient, gradient_estimates, objective, policy_gradient_exact
 from rlcore.studies.ch07 import bluff_guarantee
 

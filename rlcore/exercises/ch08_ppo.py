@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 
+from rlcore.distributions import Categorical, Gaussian
 from rlcore.envs import recycling_robot
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
 from rlcore.gae import gae
 from rlcore.neurons import softmax
-from rlcore.policies import Categorical, Gaussian
 from rlcore.ppo import PPOConfig, clip_gradient, objective_gradient
 from rlcore.trpo import conjugate_gradient
 from rlcore.trust_region import adapt_beta, eta, local_performance, lower_bound, mean_kl, old_policy

@@ -1,14 +1,20 @@
 """What chapter 2 measures once."""
 
 import time
+from dataclasses import replace
 from math import comb
 
 import numpy as np
 
 from rlcore.bellman import optimality_backup
-from rlcore.core.checks import check_count, is_number
+from rlcore.core.checks import as_integers, check_count, check_finite, is_number, spaces
+from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.sampling import draw
+from rlcore.core.schedules import at
+from rlcore.core.worlds import act, reset
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP
+from rlcore.td import td_error
 
 
 def backups_per_second(mdp, gamma=0.9):
@@ -65,3 +71,43 @@ def cost_of_a_sweep(n_states, per_second=1e9, n_bytes=8):
         if not is_number(value) or not value > 0:
             raise ValueError(f"{name}: got {value!r}, must be a positive number")
     return n_states / per_second / SECONDS_PER_YEAR, n_states * n_bytes
+
+
+def _shared(name, groups, given):
+    """The rule of groups: (S,) whole numbers from 0, one value for the states of each."""
+    groups, S = as_integers(name, groups), spaces(given["world"])[1].size
+    if groups.shape != (S,) or groups.min() < 0:
+        raise ValueError(
+            f"{name}: got shape {groups.shape} from {groups.min(initial=0)}, must be ({S},) integers from 0"
+        )
+    return groups
+
+
+def _spread(given, w, *more):
+    """The Run in which each state has the value of its group, and terminal states 0."""
+    run, terminal, groups = prediction(given, w, *more), spaces(given["world"])[1], given["groups"]
+    history = None if run.history is None else np.where(terminal, 0.0, run.history[:, groups])
+    return replace(run, V=np.where(terminal, 0.0, w[groups]), history=history, weights=w)
+
+
+@learner(_spread, groups=_shared, w0=check_finite)
+def td0_groups(world, pi, gamma, n_episodes, *, groups, alpha, w0=0.0, max_steps=None, record=0, rng):
+    """TD(0) with state aggregation: states of one group share one value. ex-tabular
+
+    groups: (S,) integers from 0. w0: the first value of all. Others, and the Run, whose weights are the values of the
+    groups: as in td0. Source: Sutton and Barto (2018), section 9.3.
+    """
+    w, N = np.full(groups.max() + 1, w0), np.zeros(groups.max() + 1, np.int64)
+    returns, lengths, history = log(w, n_episodes, record)
+    for k in range(n_episodes):
+        s, done = reset(world, rng), False
+        while not done:
+            s_next, r, terminated, truncated = act(world, s, draw(pi[s], rng), rng)
+            g = groups[s]
+            w[g] += at(alpha, N[g]) * td_error(r, w[g], w[groups[s_next]], gamma, terminated)  # eq-19
+            N[g] += 1
+            returns[k] += r
+            lengths[k] += 1
+            s, done = s_next, terminated or truncated or lengths[k] == max_steps
+        note(history, w, k, record)
+    return w, returns, lengths, history, N

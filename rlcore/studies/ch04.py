@@ -50,7 +50,7 @@ def first_updates(method, world, gamma, n_steps, *, alpha, epsilon, rng):
     The same run is cut after 1, 2, ... steps; what differs is the update. Every update must change its entry.
     """
     settings = dict(alpha=alpha, epsilon=epsilon, record=0)
-    before, updates = np.where(check_world(world).legal, 0.0, -np.inf), []
+    before, updates = np.where(check_world("world", world).legal, 0.0, -np.inf), []
     for n in range(1, check_count("n_steps", n_steps) + 1):
         Q = method(world, gamma, 1, max_steps=n, rng=rng if n == n_steps else deepcopy(rng), **settings).Q
         if np.array_equal(before, Q):

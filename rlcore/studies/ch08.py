@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 
 from rlcore.core.checks import as_floats, as_integers, check_count, check_positive, check_probability, check_rng
+from rlcore.distributions import Categorical
 from rlcore.mdp import FiniteMDP
-from rlcore.policies import Categorical
 from rlcore.reinforce import reinforce
 
 

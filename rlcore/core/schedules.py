@@ -1,0 +1,46 @@
+"""Step sizes and exploration rates that fall."""
+
+from collections import namedtuple
+
+from rlcore.core.checks import check_flag, check_nonnegative, check_probability, check_rate, checked, is_number, show
+from rlcore.core.compiled import compiled
+
+# max(floor, first / (1 + rate n)^power) after n visits (a step size), n episodes or n steps (epsilon)
+Schedule = namedtuple("Schedule", "first rate power floor per_step")
+
+
+@checked(
+    first=check_rate, rate=check_nonnegative, power=check_nonnegative, floor=check_probability, per_step=check_flag
+)
+def decaying(first, *, rate=1.0, power=1.0, floor=0.0, per_step=False):
+    """A step size or epsilon that falls: first / (1 + rate n)^power, never below `floor`. om-convergence-conditions
+
+    n counts the earlier updates of the same state or pair where it is a step size, so that decaying(1.0) is 1/N, the
+    sample average, and the earlier episodes where an episode has one step size (traces, n-step methods, gradients); for
+    epsilon, the finished episodes, or with per_step the steps taken.
+    """
+    return Schedule(first, rate, power, floor, per_step)
+
+
+def check_schedule(name, value, given=None):
+    """value as a Schedule; a number is one that never falls. ValueError unless it is in (0, 1], or 0 for epsilon."""
+    if isinstance(value, Schedule):
+        return value
+    if not (is_number(value) and (0 < value <= 1 or (name == "epsilon" and value == 0))):
+        allowed = "[0, 1]" if name == "epsilon" else "(0, 1]"
+        raise ValueError(f"{name}: got {show(value)}, must be in {allowed} or decaying(...)")
+    return Schedule(float(value), 0.0, 0.0, 0.0, False)
+
+
+@compiled
+def at(schedule, n):
+    """Value of a schedule after n."""
+    if schedule.rate == 0.0:
+        return schedule.first
+    return max(schedule.floor, schedule.first / (1.0 + schedule.rate * n) ** schedule.power)
+
+
+@compiled
+def now(schedule, n_episodes, n_steps):
+    """Value of an exploration rate after so many finished episodes and so many steps."""
+    return at(schedule, n_steps if schedule.per_step else n_episodes)
