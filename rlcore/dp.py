@@ -27,7 +27,7 @@ def policy_evaluation(mdp, pi, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_i
     V, n, delta, history = V0, 0, np.inf, [V0]
     while delta >= tol and n < max_iter:
         V_new = V.copy()
-        delta = _evaluation_sweep(*_model(mdp), pi, gamma, V_new if in_place else V, V_new)
+        delta = evaluation_sweep(*_model(mdp), pi, gamma, V_new if in_place else V, V_new)
         V, n = V_new, n + 1
         _keep(history, V, n, record)
     bound = policy_error_bound(mdp, pi, V, gamma)
@@ -44,7 +44,7 @@ def _kept(history, record):
 
 
 @compiled
-def _evaluation_sweep(next_state, prob, reward, terminal, pi, gamma, V, V_new):
+def evaluation_sweep(next_state, prob, reward, terminal, pi, gamma, V, V_new):
     """One sweep; in place where V_new is V. Returns the largest change."""
     delta = 0.0
     for s in range(V.size):
@@ -108,7 +108,7 @@ def value_iteration(mdp, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=10
     V, n, delta, history = V0, 0, np.inf, [V0]
     while delta >= tol and n < max_iter:
         V_new = V.copy()
-        delta = _optimality_sweep(*_model(mdp), mdp.legal, gamma, V_new if in_place else V, V_new)
+        delta = optimality_sweep(*_model(mdp), mdp.legal, gamma, V_new if in_place else V, V_new)
         V, n = V_new, n + 1
         _keep(history, V, n, record)
     Q, bound = q_from_v(mdp, V, gamma), error_bound(mdp, V, gamma)
@@ -116,7 +116,7 @@ def value_iteration(mdp, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=10
 
 
 @compiled
-def _optimality_sweep(next_state, prob, reward, terminal, legal, gamma, V, V_new):
+def optimality_sweep(next_state, prob, reward, terminal, legal, gamma, V, V_new):
     """One sweep; in place where V_new is V. Returns the largest change."""
     delta = 0.0
     for s in range(V.size):

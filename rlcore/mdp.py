@@ -9,17 +9,20 @@ from rlcore.core.checks import (
     as_flags,
     as_floats,
     as_integers,
-    check_count,
     check_gamma,
     check_index,
     check_mdp,
     check_policy,
-    check_rng,
+    check_world,
+    count,
+    index,
+    takes_none,
     where,
 )
-from rlcore.core.compiled import compiled
+from rlcore.core.learner import learner
 from rlcore.core.outcomes import canonical, check_ends, check_shapes, from_arrays, from_env, from_outcomes, names
 from rlcore.core.sampling import Sampler, cumulative, draw, step
+from rlcore.core.worlds import act, reset
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -257,60 +260,62 @@ class Trajectory:
     terminated: bool
 
 
-def rollout(mdp, pi, n_steps, *, s=None, rng):
+@takes_none
+def _first_state(name, s, given):
+    """The rule of a first state, -1 for one drawn from the start distribution, as it always is in an environment."""
+    if s is None:
+        return -1
+    return check_index(name, s, check_world("world", given["world"]).n_states)
+
+
+@learner(lambda given, *found: Trajectory(*found), s=_first_state)
+def rollout(world, pi, n_steps, *, s=None, rng):
     """Follow pi for n_steps or to a terminal state. eq-u-trajectory, fig-1, alg-rollout
 
-    s: first state; drawn from the start distribution where it is None. Returns a Trajectory.
+    world: FiniteMDP, gymnasium.Env or its id. s: first state of a FiniteMDP; drawn from the start distribution where it
+    is None. Returns a Trajectory; an environment that truncates the episode ends it, too.
     """
-    pi, n_steps, rng = check_policy(mdp, pi), check_count("n_steps", n_steps), check_rng(rng)
-    if s is not None:
-        s = check_index("s", s, mdp.n_states)
-    states, actions, rewards = _rollout(mdp.sampler(), cumulative(pi), n_steps, -1 if s is None else s, rng)
-    return Trajectory(states, actions, rewards, bool(mdp.terminal[states[-1]]))
-
-
-@compiled
-def _rollout(world, pi_cdf, n_steps, s, rng):
-    states = np.zeros(n_steps + 1, np.int64)
-    actions = np.zeros(n_steps, np.int64)
-    rewards = np.zeros(n_steps)
+    states, actions, rewards = np.zeros(n_steps + 1, np.int64), np.zeros(n_steps, np.int64), np.zeros(n_steps)
     if s < 0:
-        s = draw(world.start_cdf, rng)
-    states[0] = s
-    t = 0
-    while t < n_steps and not world.terminal[s]:
-        actions[t] = draw(pi_cdf[s], rng)
-        s, rewards[t] = step(world, s, actions[t], rng)
+        s, terminated, truncated = reset(world, rng), False, False
+    else:
+        terminated, truncated = world.terminal[s], False
+    states[0], t = s, 0
+    while t < n_steps and not terminated and not truncated:
+        actions[t] = draw(pi[s], rng)
+        s, rewards[t], terminated, truncated = act(world, s, actions[t], rng)
         t += 1
         states[t] = s
-    return states[: t + 1], actions[:t], rewards[:t]
+    return states[: t + 1], actions[:t], rewards[:t], terminated
 
 
-def sample_returns(mdp, pi, gamma, n_episodes, *, s, a=None, max_steps, rng):
+@takes_none
+def _first_action(name, a, given):
+    """The rule of a first action, -1 for one that the policy draws."""
+    if a is None:
+        return -1
+    legal, s = given["world"].legal, given["s"]
+    if not legal[s, check_index(name, a, legal.shape[1])]:
+        raise ValueError(f"{name}: got {a}, which is not legal in state {s}; allowed: {np.flatnonzero(legal[s])}")
+    return int(a)
+
+
+@learner(lambda given, G: G, world=check_world, s=index(lambda given: given["world"].n_states), a=_first_action,
+         max_steps=count())  # fmt: skip
+def sample_returns(world, pi, gamma, n_episodes, *, s, a=None, max_steps, rng):
     """Returns G_0 of n_episodes trajectories from state s (and first action a), (n_episodes,). eq-10, eq-11
 
-    Their mean estimates v_pi(s), or q_pi(s, a) where a is given. Each trajectory is cut after max_steps steps, which
-    leaves out at most gamma^max_steps of the value to come.
+    Their mean estimates v_pi(s), or q_pi(s, a) where a is given. world: FiniteMDP. Each trajectory is cut after
+    max_steps steps, which leaves out at most gamma^max_steps of the value to come.
     """
-    pi, gamma, rng = check_policy(mdp, pi), check_gamma(gamma), check_rng(rng)
-    n_episodes, max_steps = check_count("n_episodes", n_episodes), check_count("max_steps", max_steps)
-    s = check_index("s", s, mdp.n_states)
-    if a is not None and not mdp.legal[s, check_index("a", a, mdp.n_actions)]:
-        raise ValueError(f"a: got {a}, which is not legal in state {s}; allowed: {np.flatnonzero(mdp.legal[s])}")
-    a = -1 if a is None else int(a)
-    return _sample_returns(mdp.sampler(), cumulative(pi), gamma, n_episodes, s, a, max_steps, rng)
-
-
-@compiled
-def _sample_returns(world, pi_cdf, gamma, n_episodes, s_first, a_first, max_steps, rng):
-    G = np.zeros(n_episodes)
+    G, s_first, a_first = np.zeros(n_episodes), s, a
     for i in range(n_episodes):
         s, discount = s_first, 1.0
         for t in range(max_steps):
             if world.terminal[s]:
                 break
-            a = a_first if t == 0 and a_first >= 0 else draw(pi_cdf[s], rng)
+            a = a_first if t == 0 and a_first >= 0 else draw(pi[s], rng)
             s, r = step(world, s, a, rng)
             G[i] += discount * r  # eq-7
             discount *= gamma
-    return G
+    return (G,)

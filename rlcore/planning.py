@@ -11,7 +11,6 @@ from rlcore.core.checks import (
     check_gamma,
     check_index,
     check_nonnegative,
-    check_policy,
     check_probability,
     check_rate,
     check_rng,
@@ -24,7 +23,7 @@ from rlcore.core.checks import (
 from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import PlanningRun
-from rlcore.core.sampling import cumulative, draw, step
+from rlcore.core.sampling import draw, step
 from rlcore.core.schedules import at, check_schedule, now
 from rlcore.core.worlds import FOREVER, act, reset
 from rlcore.dp import value_iteration
@@ -59,21 +58,19 @@ class Transitions:
     s_next: np.ndarray
 
 
-def sample_transitions(mdp, pi, n_steps, *, rng):
-    """n_steps transitions under pi, starting anew after each terminal state. alg-model-learning"""
-    pi, n_steps = check_policy(mdp, pi), check_count("n_steps", n_steps)
-    return Transitions(*_sample_transitions(mdp.sampler(), cumulative(pi), n_steps, check_rng(rng)))
+@learner(lambda given, *found: Transitions(*found), world=check_world)
+def sample_transitions(world, pi, n_steps, *, rng):
+    """n_steps transitions under pi, starting anew after each terminal state. alg-model-learning
 
-
-@compiled
-def _sample_transitions(world, pi_cdf, n_steps, rng):
+    world: FiniteMDP. Returns Transitions.
+    """
     s, a = np.zeros(n_steps, np.int64), np.zeros(n_steps, np.int64)
     r, s_next = np.zeros(n_steps), np.zeros(n_steps, np.int64)
-    state = draw(world.start_cdf, rng)
+    state = reset(world, rng)
     for t in range(n_steps):
         if world.terminal[state]:
-            state = draw(world.start_cdf, rng)
-        s[t], a[t] = state, draw(pi_cdf[state], rng)
+            state = reset(world, rng)
+        s[t], a[t] = state, draw(pi[state], rng)
         state, r[t] = step(world, state, a[t], rng)
         s_next[t] = state
     return s, a, r, s_next
