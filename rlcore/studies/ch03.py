@@ -11,7 +11,7 @@ from rlcore.core.results import Run
 from rlcore.core.sampling import draw, step
 from rlcore.mdp import discounted_returns
 from rlcore.neurons import softmax
-from rlcore.policies import check_step, epsilon_greedy, max_value
+from rlcore.policies import epsilon_greedy, max_value
 
 
 def trajectory_probability(mdp, pi, states, actions):
@@ -106,7 +106,7 @@ def reinforce_linear(start, step, alive, n_actions, gamma, n_episodes, *, alpha,
     Returns a Run; policy is W (A, d), history (n_episodes + 1, A, d). Source: Williams (1992).
     """
     gamma, max_steps, rng = check_gamma(gamma), check_count("max_steps", max_steps), check_rng(rng)
-    alpha = check_step("alpha", alpha)
+    alpha = check_positive("alpha", alpha)
     W = np.zeros((check_count("n_actions", n_actions), np.size(start(rng=rng))))
     lengths, history = [], [W]
     for _ in range(check_count("n_episodes", n_episodes)):
