@@ -11,7 +11,8 @@ __version__ = "0.1.0"
 
 INDEX = {
     1: {
-        "mdp": "FiniteMDP uniform_policy deterministic_policy discounted_return discounted_returns rollout sample_returns",
+        "mdp": "FiniteMDP uniform_policy deterministic_policy discounted_return discounted_returns rollout "
+        "sample_returns",
         "monte_carlo": "mc_prediction constant_alpha_mc",
     },
     2: {

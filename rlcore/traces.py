@@ -3,6 +3,7 @@
 import numpy as np
 
 from rlcore.core.checks import (
+    as_flags,
     as_floats,
     as_integers,
     check_count,
@@ -34,15 +35,13 @@ def trace_update(e, visited, gamma_lam, kind, alpha=None):
     kind: "accumulating", "dutch", "replacing" or "dutch as printed", which shrinks all pairs, not the visited one
     (eq-u-trace-dutch). alpha: step size in (0, 1], for the dutch kinds. Source: Sutton and Barto (2018), section 12.5.
     """
-    e, visited = as_floats("e", e), as_floats("visited", visited)
-    if not np.isin(visited, (0, 1)).all():
-        raise ValueError(f"visited: got {visited}, must be 0 or 1")
+    e, visited = as_floats("e", e), as_flags("visited", visited)
     decay = check_probability("gamma_lam", gamma_lam)
     if kind == "dutch as printed":
         return (1 - check_rate("alpha", alpha)) * decay * e + visited  # eq-u-trace-dutch
     choice(*TRACES, "dutch as printed")("kind", kind, None)
     keep = kept(kind, check_rate("alpha", alpha) if kind == "dutch" else None)
-    return decay * e * np.where(visited == 1, keep, 1.0) + visited  # eq-34, eq-35
+    return decay * e * np.where(visited, keep, 1.0) + visited  # eq-34, eq-35
 
 
 @inlined

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_gamma, check_policy, check_probability, check_rng
+from rlcore.core.checks import check_count, check_gamma, check_policy, check_positive, check_probability, check_rng
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
 from rlcore.core.sampling import draw, step
