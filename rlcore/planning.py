@@ -8,6 +8,7 @@ import numpy as np
 
 from rlcore.core.checks import (
     check_count,
+    check_finite,
     check_gamma,
     check_index,
     check_nonnegative,
@@ -15,6 +16,7 @@ from rlcore.core.checks import (
     check_rate,
     check_rng,
     check_world,
+    checked,
     count,
     show,
     spaces,
@@ -103,25 +105,28 @@ def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=
     return FiniteMDP.from_outcomes(model, n_states=S, n_actions=A, start=start)
 
 
-def certainty_equivalent_control(world, gamma, n_episodes, *, epsilon=0.1, unseen=0.0, max_steps=10_000, rng):
+@checked(world=check_world, epsilon=check_probability, unseen=check_finite)
+def certainty_equivalent_control(world, gamma, n_episodes, *, epsilon=0.1, unseen=0.0, max_steps=10_000, record=0, rng):
     """Estimate the model, plan in it as if it were true, act on the plan for an episode, repeat. alg-ce-planning
 
     world: FiniteMDP to act in; of it, the method knows A(s) and the terminal states. epsilon: probability of a random
-    action. unseen: as in estimate_model. max_steps: an episode is cut there. Returns a PlanningRun; history
-    (n_episodes + 1, S, A) holds the Q planned before the first and after each episode.
+    action. unseen: as in estimate_model. max_steps: an episode is cut there. record: history keeps the Q planned before
+    the first and after each record-th episode; 0 keeps none. Returns a PlanningRun.
     """
-    gamma, epsilon = check_gamma(gamma), check_probability("epsilon", epsilon)
-    S, A = check_world("world", world).legal.shape
+    S, A = world.legal.shape
     known = dict(terminal=np.flatnonzero(world.terminal), legal=world.legal, start=world.start, unseen=unseen)
     paths, plan, history = [], None, []
-    for _ in range(check_count("n_episodes", n_episodes) + 1):
+    for k in range(n_episodes + 1):
         model = estimate_model(_transitions(paths), S, A, **known)
         plan = value_iteration(model, gamma, V0=0.0 if plan is None else plan.V)
-        history.append(plan.Q)
+        if record and k % record == 0:
+            history.append(plan.Q)
         paths.append(rollout(world, soft_greedy(plan.Q, epsilon), max_steps, rng=rng))
     paths.pop()
     returns, lengths = [p.rewards.sum() for p in paths], [p.actions.size for p in paths]
-    return PlanningRun(np.array(returns), np.array(lengths), plan.V, plan.Q, plan.pi, np.array(history), model)
+    history = np.array(history) if record else None
+    planned = dict(V=plan.V, Q=plan.Q, policy=plan.pi, history=history, model=model)
+    return PlanningRun(np.array(returns), np.array(lengths), **planned)
 
 
 def _transitions(paths):

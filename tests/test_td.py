@@ -21,6 +21,7 @@ from rlcore.envs import MDPEnv, cliff_walking, dyna_maze, random_mdp, random_wal
 from rlcore.mdp import FiniteMDP, Trajectory, deterministic_policy, discounted_returns, rollout, uniform_policy
 from rlcore.monte_carlo import constant_alpha_mc, mc_prediction
 from rlcore.policies import expected_value, soft_greedy
+from rlcore.studies.ch02 import td0_groups
 from rlcore.td import expected_sarsa, q_learning, sarsa, td0, td_error, td_target
 
 REFERENCE = json.loads((Path(__file__).parent / "reference_td.json").read_text())
@@ -51,7 +52,7 @@ def bouncer():
 def test_one_episode_of_a_chain_gives_its_returns(first_visit):
     rewards = [-1.0, 2.0, 6.0, 3.0, 2.0]
     mdp = chain(rewards)
-    args = dict(first_visit=first_visit, max_steps=10, rng=np.random.default_rng(0))
+    args = dict(first_visit=first_visit, max_steps=10, record=1, rng=np.random.default_rng(0))
     run = mc_prediction(mdp, uniform_policy(mdp), 0.5, 1, **args)
     np.testing.assert_allclose(run.V, [2, 6, 8, 4, 2, 0], rtol=0, atol=0)
     assert run.returns[0] == 12 and run.lengths[0] == 5
@@ -79,7 +80,7 @@ def _after_start(mdp, seed):
 
 def test_history_is_the_running_average():
     mdp = bouncer()
-    run = mc_prediction(mdp, uniform_policy(mdp), 1.0, 50, max_steps=1000, rng=np.random.default_rng(0))
+    run = mc_prediction(mdp, uniform_policy(mdp), 1.0, 50, max_steps=1000, record=1, rng=np.random.default_rng(0))
     np.testing.assert_allclose(run.history[1:, 0], np.cumsum(run.returns) / np.arange(1, 51), rtol=1e-12)
 
 
@@ -126,7 +127,7 @@ def test_a_cut_episode_counts_up_to_the_cut():
 def test_td0_on_a_chain_by_hand():
     """Each step V(s) += alpha (r + gamma V(s') - V(s)) with the values of that moment; the end counts 0."""
     mdp = chain([1.0, -2.0, 4.0])
-    run = td0(mdp, uniform_policy(mdp), 0.5, 2, alpha=0.1, V0=1.0, rng=np.random.default_rng(0))
+    run = td0(mdp, uniform_policy(mdp), 0.5, 2, alpha=0.1, V0=1.0, record=1, rng=np.random.default_rng(0))
     V = np.array([1.0, 1.0, 1.0, 0.0])
     for episode in (1, 2):
         for s, r in enumerate([1.0, -2.0, 4.0]):
@@ -155,7 +156,7 @@ def test_a_cut_bootstraps_and_an_end_does_not():
     run = td0(mdp, np.ones((1, 1)), 0.5, 1, alpha=1.0, V0=10.0, max_steps=1, rng=np.random.default_rng(0))
     assert run.V[0] == 1 + 0.5 * 10 and run.lengths[0] == 1
     mdp = chain([1.0])
-    run = td0(mdp, np.ones((2, 1)), 0.5, 1, alpha=1.0, groups=[0, 0], V0=10.0, rng=np.random.default_rng(0))
+    run = td0_groups(mdp, np.ones((2, 1)), 0.5, 1, alpha=1.0, groups=[0, 0], w0=10.0, rng=np.random.default_rng(0))
     assert run.V[0] == 1 and run.V[1] == 0  # though the end shares a group with a value of 10
 
 
@@ -166,14 +167,16 @@ def test_groups_share_one_value():
     """
     mdp = random_walk(10)
     groups = np.r_[0, np.repeat([0, 1], 5), 1]
-    args = dict(alpha=0.002, V0=0.0, record=100, rng=np.random.default_rng(0))
-    run = td0(mdp, uniform_policy(mdp), 1.0, 3000, groups=groups, **args)
+    args = dict(alpha=0.002, w0=0.0, record=100, rng=np.random.default_rng(0))
+    run = td0_groups(mdp, uniform_policy(mdp), 1.0, 3000, groups=groups, **args)
     assert np.unique(run.V[1:6]).size == np.unique(run.V[6:11]).size == 1
     assert run.V[0] == run.V[11] == 0 and run.history.shape == (31, 12)
     np.testing.assert_allclose(run.V[[1, 6]], [5 / 11, 6 / 11], atol=0.08)
-    own = td0(mdp, uniform_policy(mdp), 1.0, 50, alpha=0.1, rng=np.random.default_rng(0))
-    same = td0(mdp, uniform_policy(mdp), 1.0, 50, alpha=0.1, groups=range(12), rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(run.V[1:11], run.weights[groups[1:11]])
+    own = td0(mdp, uniform_policy(mdp), 1.0, 50, alpha=0.1, record=1, rng=rng())
+    same = td0_groups(mdp, uniform_policy(mdp), 1.0, 50, alpha=0.1, groups=range(12), record=1, rng=rng())
     np.testing.assert_array_equal(own.history, same.history)
+    np.testing.assert_array_equal(own.visits, same.visits)
 
 
 def test_groups_reach_the_fixed_point_of_their_own_equation():
@@ -187,7 +190,7 @@ def test_groups_reach_the_fixed_point_of_their_own_equation():
     X = np.kron(np.eye(2), np.ones((5, 1)))  # (10, 2), the group of each state
     w = np.linalg.solve(X.T @ (visits[:, None] * (X - gamma * P[:, 1:11] @ X)), X.T @ (visits * r))
     groups = np.r_[0, np.repeat([0, 1], 5), 1]
-    run = td0(mdp, uniform_policy(mdp), gamma, 20_000, alpha=0.001, V0=0.5, groups=groups, rng=np.random.default_rng(0))
+    run = td0_groups(mdp, uniform_policy(mdp), gamma, 20_000, alpha=0.001, w0=0.5, groups=groups, rng=rng())
     np.testing.assert_allclose(run.V[[1, 6]], w, atol=0.03)
 
 
@@ -195,8 +198,9 @@ def test_groups_reach_the_fixed_point_of_their_own_equation():
 def test_constant_alpha_with_one_over_n_is_the_sample_mean(first_visit):
     for mdp in (bouncer(), random_walk(5), awkward()):
         pi = uniform_policy(mdp)
-        mean = mc_prediction(mdp, pi, 0.9, 60, first_visit=first_visit, max_steps=10_000, rng=rng(4))
-        run = constant_alpha_mc(mdp, pi, 0.9, 60, alpha=decaying(1.0), first_visit=first_visit, rng=rng(4))
+        args = dict(first_visit=first_visit, record=1)
+        mean = mc_prediction(mdp, pi, 0.9, 60, max_steps=10_000, rng=rng(4), **args)
+        run = constant_alpha_mc(mdp, pi, 0.9, 60, alpha=decaying(1.0), rng=rng(4), **args)
         np.testing.assert_allclose(run.history, mean.history, rtol=1e-12, atol=1e-12)
         np.testing.assert_array_equal(run.lengths, mean.lengths)
         np.testing.assert_allclose(run.returns, mean.returns, rtol=1e-14)
@@ -250,11 +254,12 @@ def test_driving_home():
 def test_first_episode_changes_one_end_only():
     mdp = random_walk(5)
     for seed in range(10):
-        run = td0(mdp, uniform_policy(mdp), 1.0, 1, alpha=0.1, V0=0.5, rng=rng(seed))
+        run = td0(mdp, uniform_policy(mdp), 1.0, 1, alpha=0.1, V0=0.5, record=1, rng=rng(seed))
         change = run.history[1] - run.history[0]
         end = 5 if run.returns[0] else 1
         np.testing.assert_allclose(change, 0.05 * (1 if end == 5 else -1) * (np.arange(7) == end), atol=1e-15)
-        mc = constant_alpha_mc(mdp, uniform_policy(mdp), 1.0, 1, alpha=0.1, V0=0.5, first_visit=True, rng=rng(seed))
+        args = dict(alpha=0.1, V0=0.5, first_visit=True, record=1, rng=rng(seed))
+        mc = constant_alpha_mc(mdp, uniform_policy(mdp), 1.0, 1, **args)
         seen = mc.V[mc.history[0] != mc.V]
         np.testing.assert_allclose(seen, 0.55 if end == 5 else 0.45, atol=1e-15)
         assert seen.size >= 3
@@ -433,7 +438,7 @@ def test_each_update_is_that_of_the_equation(learn, alpha):
     """The steps of a run, written down by the environment, and the equation applied to them one by one."""
     mdp, gamma, epsilon = awkward(seed=1), 0.9, 0.3
     env = Log(MDPEnv(mdp))
-    run = learn(env, gamma, 25, alpha=alpha, epsilon=epsilon, Q0=1.5, rng=rng(2))
+    run = learn(env, gamma, 25, alpha=alpha, epsilon=epsilon, Q0=1.5, record=1, rng=rng(2))
     Q, N = run.history[0].copy(), np.zeros((7, 3))
     assert (Q[mdp.legal & ~mdp.terminal[:, None]] == 1.5).all() and (Q[mdp.terminal] == 0).all()
     assert (Q[~mdp.legal] == -np.inf).all() and len(env.steps) == run.lengths.sum() > 50
@@ -458,14 +463,14 @@ def test_each_update_is_that_of_the_equation(learn, alpha):
 def test_one_action_leaves_td0(learn):
     mdp = chain([1.0, -2.0, 4.0])
     for alpha in (0.3, decaying(1.0), decaying(0.9, rate=0.1)):
-        V = td0(mdp, uniform_policy(mdp), 0.5, 5, alpha=alpha, V0=2.0, rng=rng()).history
-        Q = learn(mdp, 0.5, 5, alpha=alpha, epsilon=0.1, Q0=2.0, rng=rng()).history
+        V = td0(mdp, uniform_policy(mdp), 0.5, 5, alpha=alpha, V0=2.0, record=1, rng=rng()).history
+        Q = learn(mdp, 0.5, 5, alpha=alpha, epsilon=0.1, Q0=2.0, record=1, rng=rng()).history
         np.testing.assert_allclose(Q[:, :, 0], V, rtol=1e-14, atol=1e-14)
 
 
 def test_expected_sarsa_that_never_explores_is_q_learning():
     for mdp in (awkward(start=0), windy_gridworld(), dyna_maze()):
-        args = dict(alpha=0.4, epsilon=0.0, Q0=0.1)
+        args = dict(alpha=0.4, epsilon=0.0, Q0=0.1, record=1)
         one = q_learning(mdp, 0.9, 30, max_steps=3000, rng=rng(3), **args)
         two = expected_sarsa(mdp, 0.9, 30, max_steps=3000, rng=rng(3), **args)
         np.testing.assert_array_equal(one.history, two.history)
@@ -639,9 +644,8 @@ def test_errors_on_the_random_walk():
     mdp, truth, wrong, errors = random_walk(5), np.arange(1, 6) / 6, [], {}
     for id, (method, alpha, *episode) in settings("walk5.rms") + settings("walk5.rms_mean100"):
         if (method, alpha) not in errors:
-            learn = partial(
-                {"td": td0, "mc": constant_alpha_mc}[method], alpha=float(alpha.split("=")[1]), V0=0.5, max_steps=10**6
-            )
+            options = dict(alpha=float(alpha.split("=")[1]), V0=0.5, max_steps=10**6, record=1)
+            learn = partial({"td": td0, "mc": constant_alpha_mc}[method], **options)
             V = np.array([learn(mdp, uniform_policy(mdp), 1.0, 100, rng=g).history for g in rng(8).spawn(300)])
             errors[method, alpha] = np.sqrt(((V[:, :, 1:6] - truth) ** 2).mean(axis=2))
             np.testing.assert_allclose(errors[method, alpha][:, 0], 0.2357, atol=1e-4)
@@ -716,19 +720,23 @@ def everything(world, n_episodes, max_steps, seed=0):
     pi = uniform_policy(model)
     limit = dict(max_steps=max_steps)
     calls = {
-        "mc first v": partial(mc_prediction, pi=pi, max_steps=max_steps or 400),
-        "mc every q": partial(mc_prediction, pi=pi, first_visit=False, target="q", max_steps=max_steps or 400),
-        "constant alpha mc": partial(constant_alpha_mc, pi=pi, alpha=0.1, V0=0.5, **limit),
+        "mc first v": partial(mc_prediction, pi=pi, max_steps=max_steps or 400, record=1),
+        "mc every q": partial(
+            mc_prediction, pi=pi, first_visit=False, target="q", max_steps=max_steps or 400, record=1
+        ),
+        "constant alpha mc": partial(constant_alpha_mc, pi=pi, alpha=0.1, V0=0.5, record=1, **limit),
         "1/N mc": partial(constant_alpha_mc, pi=pi, alpha=decaying(1.0), first_visit=True, record=2, **limit),
-        "td0": partial(td0, pi=pi, alpha=0.1, V0=0.5, **limit),
+        "td0": partial(td0, pi=pi, alpha=0.1, V0=0.5, record=1, **limit),
         "td0 falling": partial(td0, pi=pi, alpha=decaying(0.9, power=0.6), record=3, **limit),
-        "td0 groups": partial(td0, pi=pi, alpha=0.2, V0=1.0, groups=np.arange(model.n_states) // 2, **limit),
-        "sarsa pi": partial(sarsa, pi=pi, alpha=0.3, **limit),
+        "td0 groups": partial(
+            td0_groups, pi=pi, alpha=0.2, w0=1.0, groups=np.arange(model.n_states) // 2, record=1, **limit
+        ),
+        "sarsa pi": partial(sarsa, pi=pi, alpha=0.3, record=1, **limit),
     }
     for learn in CONTROL:
         steps = decaying(0.8, rate=0.3, power=0.8)
         epsilon = decaying(0.9, rate=0.01, per_step=True)
-        calls[learn.__name__] = partial(learn, alpha=0.4, epsilon=0.2, Q0=0.3, **limit)
+        calls[learn.__name__] = partial(learn, alpha=0.4, epsilon=0.2, Q0=0.3, record=1, **limit)
         calls[learn.__name__ + " falling"] = partial(learn, alpha=steps, epsilon=epsilon, record=2, **limit)
         calls[learn.__name__ + " by episode"] = partial(learn, alpha=0.2, epsilon=decaying(0.5), record=0, **limit)
     return {name: f(world, gamma=0.9, n_episodes=n_episodes, rng=rng(seed)) for name, f in calls.items()}
@@ -737,7 +745,7 @@ def everything(world, n_episodes, max_steps, seed=0):
 def bits(runs):
     digest = {}
     for name, run in runs.items():
-        arrays = [x for x in (run.returns, run.lengths, run.V, run.Q, run.policy, run.history) if x is not None]
+        arrays = [x for x in vars(run).values() if x is not None]
         digest[name] = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in arrays)).hexdigest()
     return digest
 
@@ -829,13 +837,13 @@ def test_environments_of_gymnasium(name):
     env = gym.make(name, max_episode_steps=60)
     S, A = env.observation_space.n, env.action_space.n
     for learn in CONTROL:
-        one, two = (learn(env, 0.9, 5, alpha=0.5, epsilon=0.2, rng=rng(1)) for _ in range(2))
+        one, two = (learn(env, 0.9, 5, alpha=0.5, epsilon=0.2, record=1, rng=rng(1)) for _ in range(2))
         assert one.Q.shape == (S, A) and one.history.shape == (6, S, A) and (one.lengths <= 60).all()
         np.testing.assert_array_equal(one.Q, two.Q)
         assert np.isfinite(one.returns).all() and one.lengths.min() >= 1
     pi = np.full((S, A), 1 / A)
     for learn in PREDICTION:
-        run = learn(env, pi, 0.9, 5, rng=rng(1))
+        run = learn(env, pi, 0.9, 5, record=1, rng=rng(1))
         assert run.V.shape == (S,) and run.history.shape == (6, S)
 
 
@@ -867,8 +875,8 @@ def test_record_thins_the_history(learn):
 def test_same_rng_same_run():
     mdp = random_walk(5)
     for learn in (
-        lambda rng: mc_prediction(mdp, uniform_policy(mdp), 0.9, 20, max_steps=1000, rng=rng),
-        lambda rng: td0(mdp, uniform_policy(mdp), 0.9, 20, alpha=0.1, record=0, rng=rng),
+        lambda rng: mc_prediction(mdp, uniform_policy(mdp), 0.9, 20, max_steps=1000, record=1, rng=rng),
+        lambda rng: td0(mdp, uniform_policy(mdp), 0.9, 20, alpha=0.1, rng=rng),
     ):
         one, two = learn(np.random.default_rng(3)), learn(np.random.default_rng(3))
         np.testing.assert_array_equal(one.V, two.V)
@@ -886,9 +894,14 @@ BAD = [
     (td0, dict(alpha=0.0), "alpha"),
     (td0, dict(alpha=np.nan), "alpha"),
     (td0, dict(max_steps=None), "max_steps"),
-    (td0, dict(groups=[0]), "groups"),
-    (td0, dict(groups=[0, -1]), "groups"),
-    (td0, dict(groups=[0, 0], V0=[1.0, 2.0]), "V0"),
+    (td0_groups, dict(groups=[0]), "groups"),
+    (td0_groups, dict(groups=[0, -1]), "groups"),
+    (td0_groups, dict(groups=[0.0, 1.0]), "groups"),
+    (td0_groups, dict(groups=None), "groups"),
+    (td0_groups, dict(w0=[1.0, 2.0]), "w0"),
+    (td0_groups, dict(w0=np.inf), "w0"),
+    (td0_groups, dict(alpha=0.0), "alpha"),
+    (td0_groups, dict(max_steps=None), "max_steps"),
     (td0, dict(V0=[1.0, 2.0, 3.0]), "V0"),
     (td0, dict(record=-1), "record"),
     (td0, dict(world=3), "world"),
@@ -933,5 +946,7 @@ def test_bad_input_names_the_argument(learn, wrong, name):
     args = dict(world=mdp, gamma=0.9, n_episodes=5, max_steps=10, rng=rng())
     args |= dict(epsilon=0.1) if learn in CONTROL else dict(pi=uniform_policy(mdp))
     args |= {} if learn is mc_prediction else dict(alpha=0.1)
+    args |= dict(groups=[0, 1]) if learn is td0_groups else {}
+    learn(**args)
     with pytest.raises(ValueError, match=f"^{name}: "):
         learn(**(args | wrong))
