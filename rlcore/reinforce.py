@@ -40,10 +40,10 @@ def _learned_or_number(name, baseline, given):
     return Baseline(0.0, True) if baseline == "value" else Baseline(baseline, False)
 
 
-def _w0(name, w, given):
-    w = LINEAR["w0"](name, w, given)
+def _w0(name, value, given):
+    w = LINEAR["w0"](name, value, given)
     if w.any() and not given["baseline"].learned:
-        raise ValueError(f'{name}: got {show(w)} with baseline = {given["baseline"].b}, needs baseline "value"')
+        raise ValueError(f'{name}: got {show(value)} with baseline = {given["baseline"].b}, needs baseline "value"')
     return w
 
 
@@ -115,12 +115,18 @@ def sizes(world):
     return world.observation_space.shape[0], int(world.action_space.n)
 
 
+def _critic(name, critic, given):
+    if given.get("baseline", "value") != "value":
+        raise ValueError(f'{name}: got a network with baseline = {given["baseline"]!r}, needs baseline "value"')
+    return check_network(name, critic, sizes(given["world"])[0], 1)
+
+
 NETWORKS = dict(  # the rules of net, which maps observations to logits, and of critic, which maps them to a value
     world=network_world,
     alpha=check_positive,
     alpha_w=check_positive,
     net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
-    critic=lambda name, critic, given: check_network(name, critic, sizes(given["world"])[0], 1),
+    critic=_critic,
     on_episode=function_of("(return, steps so far)"),
 )
 
@@ -147,8 +153,6 @@ def reinforce_network(
     "normalised", which centres and scales the episode's own returns. Others: as in `reinforce`; step sizes are numbers.
     on_episode(return, steps_so_far): called after each; True ends the training. Run.policy is net, Run.V critic.
     """
-    if critic is not None and baseline != "value":
-        raise ValueError(f'critic: got a network with baseline = {baseline!r}, needs baseline "value"')
     net, critic = make_networks(world, net, critic if baseline == "value" else False, alpha, alpha_w, rng)
     returns, lengths, earlier = [], [], TimeBaseline()
     world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
