@@ -189,7 +189,7 @@ def _array(name, values, what):
         raise ValueError(f"{name}: got {show(values)}, must be {what}") from None
 
 
-def finite(name, values):
+def finite(name, values, given=None):
     """values as a float array; ValueError where one is not finite."""
     values = as_floats(name, values)
     if not np.isfinite(values).all():
