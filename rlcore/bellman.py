@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from rlcore.core.chains import chain, reaches, require_end_of, solve_system
-from rlcore.core.checks import as_floats, check_nonnegative, checked, finite_values
+from rlcore.core.checks import as_floats, check_nonnegative, checked
 from rlcore.mdp import deterministic_policy
 
 
@@ -25,11 +25,6 @@ def _weights(name, pi, given):
     if not (pi >= 0).all():
         raise ValueError(f"{name}: contains {pi[~(pi >= 0)][0]:g}, must be probabilities")
     return pi
-
-
-def finite_v(name, V, given):
-    """The rule of values that are finite."""
-    return finite_values(given["mdp"], V, name)
 
 
 @checked
@@ -174,7 +169,7 @@ def heuristic_search(mdp, s, depth, gamma, *, V0=0.0):
 # ---------------------------------------------------------------------- certified error bounds
 
 
-@checked(V=finite_v)
+@checked
 def policy_error_bound(mdp, pi, V, gamma):
     """A number that max |V - v_pi| does not exceed, rounding included; (residual + rounding) times the horizon.
 
@@ -189,7 +184,7 @@ def policy_error_bound(mdp, pi, V, gamma):
     return float(residual * steps.max() * (1 + 1e-6))
 
 
-@checked(V=finite_v)
+@checked
 def error_bound(mdp, V, gamma):
     """A number that max |V - v_*| does not exceed, rounding included; inf where nothing can be certified.
 

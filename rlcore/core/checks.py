@@ -374,7 +374,7 @@ def _world(name, world, given):
 
 
 def _v0(name, V0, given):
-    return check_v0(spaces(given["world"])[1], V0) if "world" in given else check_values(given["mdp"], V0, name)
+    return check_v0(spaces(given["world"])[1], V0) if "world" in given else finite_values(given["mdp"], V0, name)
 
 
 def _q0(name, Q0, given):
@@ -385,7 +385,7 @@ RULES = {
     "mdp": lambda name, mdp, given: check_mdp(mdp),
     "world": _world,
     "pi": _pi,
-    "V": _of_mdp(check_values),
+    "V": _of_mdp(finite_values),
     "Q": _of_mdp(check_q),
     "V0": _v0,
     "Q0": _q0,
