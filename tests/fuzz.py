@@ -122,7 +122,7 @@ HOLDERS = {  # what functions return or pass on, which no user makes
     "batch.Batch", "core.rollouts.Rollout", "core.rollouts.OneEnv", "core.rollouts.Episodes", "core.schedules.Schedule",
     "mdp.Trajectory", "planning.Transitions", "planning.Memory", "reinforce.Baseline", "studies.ch03.Updates",
     "studies.ch04.Update", "studies.ch07.Runs", "studies.figure61.Line", "sweep.Record", "trust_region.OldPolicy",
-    "trust_region.Steps", "explore.Explorer", "envs.gym.LegalActions",
+    "trust_region.Steps", "nstep.values_on_the_way", "traces.kept", "explore.Explorer", "envs.gym.LegalActions",
 }  # fmt: skip
 
 

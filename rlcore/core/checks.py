@@ -344,6 +344,11 @@ def array(*shape, kind=finite):
     return rule
 
 
+def rule_of(check):
+    """The rule of a check(name, value)."""
+    return lambda name, value, given: check(name, value)
+
+
 def anything(name, value, given):
     """The rule of an argument that the function itself, or what it calls, checks."""
     return value
@@ -392,7 +397,7 @@ RULES = {
     "rng": lambda name, rng, given: check_rng(rng),
     "s": index(lambda given: given["mdp"].n_states),
     "a": index(lambda given: given["mdp"].n_actions),
-    **rules(check_probability, "gamma lam"),
+    **rules(check_probability, "gamma lam gamma_lam"),
     **rules(check_positive, "tol lr"),
     **rules(count(), "n n_states n_actions n_steps n_episodes n_iter n_runs max_iter max_steps T depth"),
     **rules(count(0), "record"),
