@@ -18,6 +18,7 @@ from rlcore.core.checks import (
     check_world,
     checked,
     count,
+    model_of,
     show,
     spaces,
     takes_none,
@@ -252,12 +253,12 @@ def _replay(s, a, r, s_next, gamma, alpha, Q):
 
 def _remembered(world, memory):
     """What was remembered as a FiniteMDP; a pair never tried stays with reward 0."""
-    (legal, terminal), known = spaces(world), memory.next_state >= 0
-    if not isinstance(world, FiniteMDP):  # it does not tell its terminal states, nor where it starts
-        terminal = np.isin(np.arange(len(legal)), memory.next_state[memory.ended])
+    (legal, terminal), known, mdp = spaces(world), memory.next_state >= 0, model_of(world)
+    if mdp is None:  # it tells neither its terminal states nor where it starts; a state that was left is no end
+        terminal = np.isin(np.arange(len(legal)), memory.next_state[memory.ended]) & ~known.any(axis=1)
     next_state = np.where(known, memory.next_state, np.arange(len(legal))[:, None])[:, :, None]
     prob = (legal | terminal[:, None]).astype(float)[:, :, None]
-    start = world.start if isinstance(world, FiniteMDP) else ~terminal / np.sum(~terminal)
+    start = ~terminal / np.sum(~terminal) if mdp is None else mdp.start
     return FiniteMDP(next_state, prob, memory.reward[:, :, None], legal, terminal, start)
 
 

@@ -5,14 +5,17 @@ import os
 import subprocess
 import sys
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from rlcore.bellman import solve_policy
 from rlcore.core.results import PlanningRun
 from rlcore.core.sampling import draw, step
+from rlcore.core.schedules import decaying
 from rlcore.dp import value_iteration
 from rlcore.envs import (
+    MDPEnv,
     balance,
     blocking_maze,
     cartpole_start,
@@ -147,10 +150,16 @@ def test_the_best_deterministic_model_of_the_robot_is_right_nine_times_in_ten():
 
 def test_certainty_equivalence_on_complete_counts_is_the_optimum():
     maze = dyna_maze()
-    run = certainty_equivalent_control(maze, 0.95, 30, epsilon=0.0, unseen=1.0, max_steps=2000, rng=rng(3))
+    options = dict(epsilon=0.0, unseen=1.0, max_steps=2000)
+    run = certainty_equivalent_control(maze, 0.95, 30, record=1, rng=rng(3), **options)
     assert run.lengths[-5:].tolist() == [14] * 5  # optimism tries all that could pay, then walks the shortest path
     assert solve_policy(maze, run.policy, 0.95)[18] == pytest.approx(0.95**13)
     assert run.history.shape == (31, 54, 4) and run.returns.tolist() == (run.lengths < 2000).astype(float).tolist()
+    np.testing.assert_array_equal(run.history[-1], run.Q)
+    some, none = (certainty_equivalent_control(maze, 0.95, 30, record=k, rng=rng(3), **options) for k in (7, 0))
+    np.testing.assert_array_equal(some.history, run.history[::7])
+    assert none.history is None and np.array_equal(none.Q, run.Q) and none.model == run.model
+    assert run.visits is None and run.weights is None
 
 
 def test_certainty_equivalence_without_optimism_may_stay_with_a_detour():
@@ -181,7 +190,7 @@ def test_predictions_of_counts_are_means():
 def test_certainty_equivalence_of_one_endless_state_by_hand():
     # reward 1, gamma = 1/2: each plan is one sweep nearer to 2 than the one that it starts from
     endless = FiniteMDP.from_outcomes({(0, 0): [(1, 0, 1)]})
-    run = certainty_equivalent_control(endless, 0.5, 2, max_steps=3, rng=rng())
+    run = certainty_equivalent_control(endless, 0.5, 2, max_steps=3, record=1, rng=rng())
     assert run.lengths.tolist() == [3, 3] and run.returns.tolist() == [3.0, 3.0]
     q = run.history[:, 0, 0]
     assert q[0] == 0 and 0 < 2 - q[1] < 1e-8 and 2 - q[2] == (2 - q[1]) / 2
@@ -198,8 +207,8 @@ def test_certainty_equivalence_is_told_what_does_not_have_to_be_learned():
 
 def test_certainty_equivalence_explores_once_in_ten_for_ten_thousand_steps_at_most():
     world, endless = small_world(), FiniteMDP.from_outcomes({(0, 0): [(1, 0, 0)]})
-    plain = certainty_equivalent_control(world, 0.9, 6, rng=rng(1))
-    explicit = certainty_equivalent_control(world, 0.9, 6, epsilon=0.1, unseen=0.0, rng=rng(1))
+    plain = certainty_equivalent_control(world, 0.9, 6, record=1, rng=rng(1))
+    explicit = certainty_equivalent_control(world, 0.9, 6, epsilon=0.1, unseen=0.0, record=1, rng=rng(1))
     np.testing.assert_array_equal(plain.history, explicit.history)
     assert certainty_equivalent_control(endless, 0.9, 1, rng=rng()).lengths.tolist() == [10_000]
 
@@ -223,7 +232,7 @@ def test_dyna_is_what_a_second_program_of_it_does(n_planning, kappa, seed):
     first, later = small_world(), small_world(bonus=1.0)
     Q0 = np.array([[1.0, 2.0], [0.5, -1.0], [7.0, 4.0], [9.0, 9.0]])
     run = learn(first, 5, n_planning=n_planning, kappa=kappa, alpha=0.5, epsilon=0.4, gamma=0.9, max_steps=4,
-                seed=seed, Q0=Q0, change=(6, later))  # fmt: skip
+                seed=seed, Q0=Q0, change=(6, later), record=1)  # fmt: skip
     Q = np.array([[1.0, 2.0], [0.5, -1.0], [-np.inf, 4.0], [0.0, 0.0]])
     table, returns, lengths, history = dictionary_dyna(
         first, later, 6, 5, n_planning, 0.5, 0.4, kappa, 0.9, 4, Q, rng(seed)
@@ -246,7 +255,7 @@ def test_dyna_is_what_a_second_program_of_it_does(n_planning, kappa, seed):
 def test_one_replay_carries_the_reward_back_through_all_states_met():
     # a chain of three steps that pays 1 at its end; 200 replays of three pairs reach each of them
     chain = FiniteMDP.from_outcomes({(s, 0): [(1, s + 1, float(s == 2))] for s in range(3)}, start=0)
-    run = learn(chain, 1, n_planning=200, alpha=1.0, gamma=0.5)
+    run = learn(chain, 1, n_planning=200, alpha=1.0, gamma=0.5, record=1)
     assert run.V.tolist() == [0.25, 0.5, 1.0, 0.0] and run.lengths.tolist() == [3]
     assert run.history[0].tolist() == [[0.0]] * 4 and run.history[1].tolist() == run.Q.tolist()
 
@@ -260,8 +269,9 @@ def test_an_action_gains_the_root_of_the_steps_since_it_was_tried():
 
 
 def test_defaults_of_dyna_are_plain_q_learning_from_zero():
-    plain = learn(small_world(), 4, n_planning=2, gamma=0.9)
-    explicit = learn(small_world(), 4, n_planning=2, gamma=0.9, Q0=0.0, kappa=0.0, max_steps=None, change=None)
+    plain = learn(small_world(), 4, n_planning=2, gamma=0.9, record=1)
+    options = dict(Q0=0.0, kappa=0.0, max_steps=None, change=None, record=1)
+    explicit = learn(small_world(), 4, n_planning=2, gamma=0.9, **options)
     np.testing.assert_array_equal(plain.history, explicit.history)
     assert np.all(plain.history[0][small_world().legal] == 0)
 
@@ -340,6 +350,82 @@ def test_bonus_finds_the_way_that_opens_and_a_stale_plan_never_does():
     assert late[1] > late[0] + 25
 
 
+@pytest.mark.parametrize("n_planning", [0, 3])
+def test_dyna_with_a_schedule_that_never_falls_is_dyna_with_a_number(n_planning):
+    plain = learn(small_world(), 6, n_planning=n_planning, alpha=0.3, epsilon=0.2, record=1)
+    for per_step in (False, True):
+        epsilon = decaying(0.2, rate=0.0, per_step=per_step)
+        same = learn(small_world(), 6, n_planning=n_planning, alpha=decaying(0.3, rate=0.0), epsilon=epsilon, record=1)
+        np.testing.assert_array_equal(plain.history, same.history)
+    falls = learn(small_world(), 6, n_planning=n_planning, alpha=decaying(0.3), epsilon=decaying(0.2), record=1)
+    assert not np.array_equal(plain.Q, falls.Q)
+
+
+def test_replays_count_as_updates_of_their_pair():
+    # one state, reward 3, gamma = 0: the n-th update of a pair leaves 1 - 0.5 / n of what 3 - Q was
+    both = FiniteMDP.from_outcomes({(0, a): [(1, 0, 3)] for a in range(2)})
+    run = learn(both, 2, n_planning=4, alpha=decaying(0.5), epsilon=1.0, gamma=0.0, max_steps=7)
+    assert run.visits.sum() == 2 * 7 * (1 + 4) and run.visits.min() > 0
+    left = [3 * np.prod([1 - 0.5 / n for n in range(1, N + 1)]) for N in run.visits[0]]
+    np.testing.assert_allclose(run.Q[0], 3 - np.array(left), rtol=1e-12)
+
+
+def test_record_thins_the_history_of_dyna():
+    full, thin, none = (learn(dyna_maze(), 7, n_planning=2, record=k) for k in (1, 3, 0))
+    np.testing.assert_array_equal(full.history[::3], thin.history)
+    assert none.history is None and len(full.history) == 8
+    for run in (thin, none):
+        for name in ("returns", "lengths", "V", "Q", "policy", "visits"):
+            np.testing.assert_array_equal(getattr(full, name), getattr(run, name))
+        assert full.model == run.model
+
+
+@pytest.mark.parametrize("mdp", [small_world(), dyna_maze(), random_walk(5)], ids=["small", "maze", "walk"])
+@pytest.mark.parametrize("kappa", [0.0, 0.1])
+def test_an_environment_gives_dyna_the_bits_of_its_process(mdp, kappa):
+    options = dict(n_planning=3, kappa=kappa, alpha=decaying(0.9, rate=0.1), epsilon=0.3, max_steps=60, record=1)
+    here, there = learn(mdp, 6, **options), learn(MDPEnv(mdp), 6, **options)
+    for name in ("returns", "lengths", "V", "Q", "policy", "history", "visits"):
+        np.testing.assert_array_equal(getattr(here, name), getattr(there, name))
+    assert here.model == there.model
+    cut = learn(gym.wrappers.TimeLimit(MDPEnv(mdp), 60), 6, **options | dict(max_steps=None))
+    np.testing.assert_array_equal(here.history, cut.history)
+
+
+@pytest.mark.parametrize("name", ["FrozenLake-v1", "CliffWalking-v1", "Taxi-v4"])
+def test_dyna_in_environments_of_gymnasium(name):
+    options = dict(n_planning=4, alpha=0.5, epsilon=0.5, max_steps=80, record=1)
+    env = gym.make(name)
+    by_id, by_hand = learn(name, 8, **options), learn(env, 8, **options)
+    np.testing.assert_array_equal(by_id.history, by_hand.history)
+    assert by_id.model == by_hand.model and by_id.history.shape == (9, env.observation_space.n, env.action_space.n)
+    exact = FiniteMDP.from_env(env)
+    for s, a in np.argwhere(by_id.visits > 0):  # remembered: one of the outcomes that there are
+        p, r = predict(by_id, s, a)
+        assert exact.p(p.argmax(), r, s, a) > 0
+    assert not (by_id.model.terminal & ~exact.terminal).any()
+
+
+class Laps(gym.Env):
+    """From state 0 to 1 and back, where the episode ends and the next one starts."""
+
+    observation_space, action_space = gym.spaces.Discrete(2), gym.spaces.Discrete(1)
+
+    def reset(self, *, seed=None, options=None):
+        self.s = 0
+        return 0, {}
+
+    def step(self, a):
+        self.s = 1 - self.s
+        return self.s, float(self.s == 0), self.s == 0, False, {}
+
+
+def test_an_end_in_a_state_that_goes_on_counts_nothing():
+    run = learn(Laps(), 30, n_planning=50, alpha=1.0, gamma=0.5)
+    assert run.Q.tolist() == [[0.5], [1.0]] and (run.returns == 1).all() and (run.lengths == 2).all()
+    assert not run.model.terminal.any() and predict(run, 1, 0)[1] == 1.0
+
+
 def test_a_bonus_prefers_what_was_not_tried_for_long():
     corridor = random_walk(3)
     run = learn(corridor, 1, n_planning=5, kappa=1.0, alpha=0.1, max_steps=20)
@@ -371,8 +457,8 @@ def test_change_comes_between_two_steps():
 
 
 def test_same_generator_same_run():
-    a, b = learn(dyna_maze(), 5, n_planning=3), learn(dyna_maze(), 5, n_planning=3)
-    for name in ("returns", "lengths", "V", "Q", "policy", "history"):
+    a, b = (learn(dyna_maze(), 5, n_planning=3, record=1) for _ in range(2))
+    for name in ("returns", "lengths", "V", "Q", "policy", "history", "visits"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
     assert not np.array_equal(a.lengths, learn(dyna_maze(), 5, n_planning=3, seed=1).lengths)
 
@@ -634,7 +720,13 @@ ENDLESS = FiniteMDP.from_outcomes({pair: [(1, 1 - pair[0], 0)] for pair in ((0, 
     (dict(gamma=1.5), "gamma"), (dict(n_episodes=0), "n_episodes"), (dict(n_planning=-1), "n_planning"),
     (dict(alpha=0.0), "alpha"), (dict(alpha=1.1), "alpha"), (dict(epsilon=-0.1), "epsilon"),
     (dict(epsilon=2), "epsilon"), (dict(kappa=-1.0), "kappa"), (dict(max_steps=0), "max_steps"),
-    (dict(Q0=np.nan), "Q"), (dict(world=None), "world"), (dict(rng=0), "rng"),
+    (dict(Q0=np.nan), "Q0"), (dict(Q0=[1.0, 2.0]), "Q0"), (dict(world=None), "world"), (dict(rng=0), "rng"),
+    (dict(world="Maze-v0"), "world"), (dict(kappa=np.inf), "kappa"), (dict(kappa=True), "kappa"),
+    (dict(record=-1), "record"), (dict(record=0.5), "record"), (dict(n_planning=0.5), "n_planning"),
+    (dict(alpha="fast"), "alpha"), (dict(max_steps=None, world=ENDLESS), "max_steps"),
+    (dict(change=5), "change"), (dict(change=(5,)), "change"), (dict(change=(5, None)), "change"),
+    (dict(change=(0.5, dyna_maze())), "change"), (dict(change=(5, MDPEnv(dyna_maze()))), "change"),
+    (dict(change=(5, dyna_maze()), world=MDPEnv(dyna_maze())), "world"),
     (dict(change=(-1, dyna_maze())), "change"), (dict(change=(5, cliff_walking())), "change"),
     (dict(change=(5, TWO_ACTIONS), world=ONE_ACTION), "change"),
     (dict(change=(5, ENDLESS), world=ONE_ACTION), "change"),
@@ -657,6 +749,9 @@ def test_bad_arguments_of_dyna_q(options, name):
     (lambda d: certainty_equivalent_control(None, 0.9, 1, rng=rng()), "world"),
     (lambda d: certainty_equivalent_control(dyna_maze(), 1.5, 1, rng=rng()), "gamma"),
     (lambda d: certainty_equivalent_control(dyna_maze(), 0.9, 1, rng=0), "rng"),
+    (lambda d: certainty_equivalent_control(dyna_maze(), 0.9, 1, record=-1, rng=rng()), "record"),
+    (lambda d: certainty_equivalent_control(dyna_maze(), 0.9, 1, unseen=np.nan, rng=rng()), "unseen"),
+    (lambda d: certainty_equivalent_control(dyna_maze(), 0.9, 1, max_steps=0, rng=rng()), "max_steps"),
     (lambda d: estimate_model(Transitions(d.s + 2, d.a, d.r, d.s_next), 2, 2), "data"),
     (lambda d: sample_transitions(dyna_maze(), uniform_policy(dyna_maze()), 0, rng=rng()), "n_steps"),
     (lambda d: sample_transitions(dyna_maze(), uniform_policy(dyna_maze()), 1, rng=0), "rng"),

@@ -1,5 +1,6 @@
 """The learners of td.py and the batches of episodes.py on episodes that are written down, against a few plain lines."""
 
+import inspect
 from functools import partial
 
 import gymnasium as gym
@@ -7,14 +8,14 @@ import numpy as np
 import pytest
 
 from rlcore.batch import batch_mc, batch_td, certainty_equivalence
+from rlcore.core.learner import log, note
 from rlcore.core.sampling import cumulative, draw
 from rlcore.core.schedules import decaying
-from rlcore.core.worlds import books
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, Trajectory, uniform_policy
 from rlcore.monte_carlo import constant_alpha_mc, mc_prediction
 from rlcore.policies import epsilon_greedy, soft_greedy
-from rlcore.studies.ch02 import backups_per_second
+from rlcore.studies.ch02 import backups_per_second, td0_groups
 from rlcore.studies.ch04 import first_updates, repeat, squared_error, walk_error, with_random_actions
 from rlcore.td import expected_sarsa, q_learning, sarsa, td0
 
@@ -68,7 +69,7 @@ ONE = np.ones((3, 1))
 @pytest.mark.parametrize("first_visit, V", [(True, [9.5, 9, 0]), (False, [23 / 3, 9, 0])])
 def test_means_of_two_episodes(first_visit, V):
     world = Script([FIRST, SECOND], 3)
-    run = mc_prediction(world, ONE, GAMMA, 2, first_visit=first_visit, max_steps=9, rng=rng())
+    run = mc_prediction(world, ONE, GAMMA, 2, first_visit=first_visit, max_steps=9, record=1, rng=rng())
     close(run.history, [[0, 0, 0], [3 if first_visit else 3.5, 4, 0], V])
     close(run.V, V)
     assert run.returns.tolist() == [7, 22] and run.lengths.tolist() == [3, 2] and run.Q is None
@@ -81,7 +82,8 @@ def test_means_of_two_episodes(first_visit, V):
 def test_means_of_pairs(first_visit):
     episodes, pi = [FIRST, SECOND, THIRD, LOOSE] * 3, np.array([[0.5, 0.5], [0.3, 0.7], [1.0, 0.0]])
     world = Script(episodes, 3, 2)
-    run = mc_prediction(world, pi, GAMMA, 12, first_visit=first_visit, target="q", max_steps=3, rng=rng(1))
+    options = dict(first_visit=first_visit, target="q", max_steps=3, record=1, rng=rng(1))
+    run = mc_prediction(world, pi, GAMMA, 12, **options)
     G_of, history = {}, [np.zeros((3, 2))]
     for (states, rewards, _), actions in zip(episodes, world.actions):
         pairs = list(zip(states, actions))
@@ -100,7 +102,8 @@ def test_means_of_pairs(first_visit):
 
 def test_means_of_pairs_leave_out_what_is_not_legal():
     mdp = FiniteMDP.from_outcomes({(0, 0): [(1.0, 1, 2.0)], (1, 1): [(1.0, 2, 4.0)]}, start=0, n_states=3, n_actions=2)
-    run = mc_prediction(mdp, np.array([[1, 0], [0, 1], [1, 0.0]]), GAMMA, 1, target="q", max_steps=9, rng=rng())
+    options = dict(target="q", max_steps=9, record=1, rng=rng())
+    run = mc_prediction(mdp, np.array([[1, 0], [0, 1], [1, 0.0]]), GAMMA, 1, **options)
     close(run.Q[[0, 1, 2], [0, 1, 0]], [4, 4, 0])
     assert run.Q[0, 1] == run.Q[1, 0] == -np.inf and run.history.shape == (2, 3, 2)
 
@@ -121,13 +124,18 @@ def moved_to_returns(episodes, V, alpha, first_visit, history):
 
 @pytest.mark.parametrize("record, kept", [(0, 1), (1, 8), (3, 3), (8, 1)])
 @pytest.mark.parametrize("first", [[1.0, 2.0], [[3.0, -np.inf]]])
-def test_books_start_with_the_first_estimates(first, record, kept):
+def test_a_log_starts_with_the_first_estimates(first, record, kept):
     table = np.array(first)
-    history, returns, lengths = books(table, 7, record)
+    returns, lengths, history = log(table, 7, record)
     assert history.shape == (kept, *table.shape) and np.array_equal(history[0], table) and not history[1:].any()
     assert returns.tolist() == lengths.tolist() == [0] * 7 and (returns.dtype, lengths.dtype) == (float, np.int64)
     table[:] = 0.0  # history does not share the memory of what is learned
     assert np.array_equal(history[0], first)
+    for k in range(7):
+        table[:] = k
+        note(history, table, k, record)
+    assert np.array_equal(history[0], first)
+    assert [row.flat[0] for row in history[1:]] == ([] if record == 0 else list(range(record - 1, 7, record)))
 
 
 @pytest.mark.parametrize("first_visit", [True, False])
@@ -160,7 +168,7 @@ def test_constant_alpha_on_four_episodes(first_visit, record):
 
 def test_constant_alpha_by_hand():
     """Every visit by default: V(0) = 0 + (4 - 0) / 2 = 2, V(1) = 1 + (4 - 1) / 2 = 2.5, V(0) = 2 + (3 - 2) / 2."""
-    run = constant_alpha_mc(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, V0=[0.0, 1.0, 7.0], rng=rng())
+    run = constant_alpha_mc(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, V0=[0.0, 1.0, 7.0], record=1, rng=rng())
     close(run.V, [2.5, 2.5, 7.0])
     assert run.history.shape == (2, 3)
     close(constant_alpha_mc(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, rng=rng()).V, [2.5, 2.0, 0.0])
@@ -172,7 +180,7 @@ def test_constant_alpha_on_a_long_episode(first_visit):
     g = rng(3)
     lengths = (63, 64, 65, 300)
     episodes = [(g.integers(9, size=n + 1).tolist(), g.normal(size=n).tolist(), "end") for n in lengths]
-    options = dict(alpha=0.5, V0=1.0, first_visit=first_visit, rng=rng())
+    options = dict(alpha=0.5, V0=1.0, first_visit=first_visit, record=1, rng=rng())
     run = constant_alpha_mc(Script(episodes, 9), np.ones((9, 1)), GAMMA, 4, **options)
     close(run.history, moved_to_returns(episodes, np.ones(9), lambda n: 0.5, first_visit, None))
 
@@ -189,8 +197,10 @@ def test_td0_on_four_episodes(record, groups):
         (0.25, lambda n: 0.25),
         (decaying(0.9, rate=2.0, power=0.5), lambda n: 0.9 / (1 + 2 * n) ** 0.5),
     ):
-        options = dict(alpha=alpha, V0=V0, groups=groups, max_steps=3, record=record, rng=rng())
-        run = td0(Script([FIRST, SECOND, THIRD, LOOSE, THIRD], 4), np.ones((4, 1)), GAMMA, 5, **options)
+        options = dict(alpha=alpha, max_steps=3, record=record, rng=rng())
+        options |= dict(V0=V0) if groups is None else dict(w0=V0, groups=groups)
+        learn = td0 if groups is None else td0_groups
+        run = learn(Script([FIRST, SECOND, THIRD, LOOSE, THIRD], 4), np.ones((4, 1)), GAMMA, 5, **options)
         w, N = V0 + np.zeros(4), np.zeros(4)  # w: of the groups
         history = [w[goes]]
         for states, rewards, way in (FIRST, SECOND, THIRD, LOOSE, THIRD):
@@ -204,39 +214,45 @@ def test_td0_on_four_episodes(record, groups):
         assert run.history is None if record == 0 else not close(run.history, history[::record])
         assert run.returns.tolist() == [7, 22, 6, 0, 6] and run.lengths.tolist() == [3, 2, 3, 3, 3]
         assert run.policy.tolist() == [[1]] * 4 and run.Q is None
+        assert run.visits.tolist() == N[: goes.max() + 1].tolist()
+        assert run.weights is None if groups is None else not close(run.weights, w[: goes.max() + 1])
 
 
 def test_td0_by_hand():
     """V(0) = 0 + (1 + 1/2 - 0) / 2 = 3/4, V(1) = 1 + (2 + 3/8 - 1) / 2 = 27/16, V(0) = 3/4 + (4 - 3/4) / 2."""
-    run = td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, V0=[0.0, 1.0, 7.0], rng=rng())
+    run = td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, V0=[0.0, 1.0, 7.0], record=1, rng=rng())
     close(run.V, [2.375, 1.6875, 7.0])
     close(run.history, [[0, 1, 7], [2.375, 1.6875, 7.0]])
-    close(td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, rng=rng()).history, [[0, 0, 0], [2.25, 1.125, 0]])
+    start = td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, record=1, rng=rng())
+    close(start.history, [[0, 0, 0], [2.25, 1.125, 0]])
 
 
 def test_terminal_states_are_worth_0_in_a_process_whose_groups_hold_them():
     mdp = FiniteMDP.from_outcomes({(0, 0): [(1.0, 1, 2.0)], (1, 0): [(1.0, 2, 4.0)]}, start=0)
-    run = td0(mdp, ONE, GAMMA, 2, alpha=0.5, V0=8.0, groups=[0, 1, 1], rng=rng())
+    run = td0_groups(mdp, ONE, GAMMA, 2, alpha=0.5, w0=8.0, groups=[0, 1, 1], record=1, rng=rng())
     close(run.history, [[8, 8, 0], [7, 6, 0], [6, 5, 0]])
     close(run.V, [6, 5, 0])
-    close(td0(mdp, ONE, GAMMA, 1, alpha=0.5, V0=[8.0, 8.0, 8.0], rng=rng()).history, [[8, 8, 0], [7, 6, 0]])
+    own = td0(mdp, ONE, GAMMA, 1, alpha=0.5, V0=[8.0, 8.0, 8.0], record=1, rng=rng())
+    close(own.history, [[8, 8, 0], [7, 6, 0]])
     mdp = FiniteMDP.from_outcomes({(1, 0): [(1.0, 2, 2.0)], (2, 0): [(1.0, 0, 4.0)]}, start=1)
-    run = td0(mdp, ONE, GAMMA, 1, alpha=0.5, V0=8, groups=[1, 0, 0], rng=rng())
+    run = td0_groups(mdp, ONE, GAMMA, 1, alpha=0.5, w0=8, groups=[1, 0, 0], record=1, rng=rng())
     close(run.history, [[0, 8, 8], [0, 5.5, 5.5]])  # 8 + (2 + 4 - 8) / 2 = 7, 7 + (4 - 7) / 2; state 0 ends
 
 
-@pytest.mark.parametrize("groups", [[0, 1], [[0, 1, 0]], [0, 1, -1], [0.0, 1.0, 1.0]])
+@pytest.mark.parametrize("groups", [[0, 1], [[0, 1, 0]], [0, 1, -1], [0.0, 1.0, 1.0], None, [True, False, True]])
 def test_bad_groups(groups):
-    with pytest.raises(ValueError, match="^groups: got .* must be .3,. integers from 0"):
-        td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, groups=groups, rng=rng())
+    whole = np.asarray(groups).dtype.kind == "i"
+    with pytest.raises(ValueError, match=f"^groups: got .* must be {'.3,. ' if whole else ''}integers"):
+        td0_groups(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, groups=groups, rng=rng())
 
 
 def test_groups_may_be_of_any_integers():
     groups = np.array([0, 1, 1], np.uint8)
-    run = td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, V0=1.0, groups=groups, rng=rng())
-    close(run.V, td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, V0=1.0, groups=[0, 1, 1], rng=rng()).V)
-    with pytest.raises(ValueError, match="^V0: got shape .3,., must be a number"):
-        td0(Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5, V0=[1.0, 1.0, 1.0], groups=groups, rng=rng())
+    learn = partial(td0_groups, Script([FIRST], 3), ONE, GAMMA, 1, alpha=0.5)
+    run = learn(w0=1.0, groups=groups, rng=rng())
+    close(run.V, learn(w0=1.0, groups=[0, 1, 1], rng=rng()).V)
+    with pytest.raises(ValueError, match="^w0: got .1.0, 1.0, 1.0., must be a finite number"):
+        learn(w0=[1.0, 1.0, 1.0], groups=groups, rng=rng())
 
 
 # ---------------------------------------------------------------------- control
@@ -313,9 +329,9 @@ def test_sarsa_under_a_policy_on_twelve_episodes(record):
 @pytest.mark.parametrize("learn, first", [(sarsa, 0.75), (expected_sarsa, 0.75), (q_learning, 0.75)])
 def test_control_by_hand(learn, first):
     """One action: Q(0) = (1 + 1/2) / 2 = 3/4, Q(1) = 1 + (2 + 3/8 - 1) / 2 = 27/16, Q(0) = 3/4 + (4 - 3/4) / 2."""
-    run = learn(Script([FIRST], 3), GAMMA, 1, alpha=0.5, epsilon=0.1, Q0=[[0.0], [1.0], [7.0]], rng=rng())
+    run = learn(Script([FIRST], 3), GAMMA, 1, alpha=0.5, epsilon=0.1, Q0=[[0.0], [1.0], [7.0]], record=1, rng=rng())
     close(run.history[:, :, 0], [[0, 1, 7], [2.375, 1.6875, 7.0]])
-    start = learn(Script([FIRST], 3), GAMMA, 1, alpha=0.5, epsilon=0.1, rng=rng())
+    start = learn(Script([FIRST], 3), GAMMA, 1, alpha=0.5, epsilon=0.1, record=1, rng=rng())
     close(start.history[:, :, 0], [[0, 0, 0], [2.1875 + 0.0625, 1.125, 0.0]])
 
 
@@ -346,10 +362,11 @@ BAD += [("max_steps", 0), ("record", -1), ("record", 0.5), ("alpha", 0), ("epsil
 @pytest.mark.parametrize("learn", LEARNERS)
 def test_results_are_arrays_and_settings_are_checked(learn):
     good = dict(world=Script([FIRST] * 2, 3), gamma=0.5, n_episodes=2, rng=rng())
-    run = learn(**good)
-    assert run.lengths.dtype == np.int64 and run.returns.dtype == run.history.dtype == run.policy.dtype == np.float64
+    run = learn(**good, record=1)
+    assert run.lengths.dtype == run.visits.dtype == np.int64 and run.visits.sum() == (4 if learn is LEARNERS[0] else 6)
+    assert run.returns.dtype == run.history.dtype == run.policy.dtype == np.float64
     assert run.policy.shape == (3, 1) and run.returns.shape == run.lengths.shape == (2,)
-    names = {*learn.keywords, *learn.func.__kwdefaults__, *good}
+    names = inspect.signature(learn.func).parameters
     for name, value in BAD:
         if name in names and (name in learn.keywords or name not in ("pi", "epsilon")):
             with pytest.raises(ValueError, match=f"^{name}: "):

@@ -1,4 +1,5 @@
 import hashlib
+import inspect
 import json
 import os
 import subprocess
@@ -251,7 +252,7 @@ def test_backward_view_matches_forward_view(lam):
 @pytest.mark.parametrize("max_steps", [None, 4])
 def test_offline_td_lambda_is_the_lambda_return_algorithm(lam, max_steps):
     mdp, pi = prediction_world()
-    options = dict(alpha=0.05, V0=rng(1).normal(size=7), max_steps=max_steps)
+    options = dict(alpha=0.05, V0=rng(1).normal(size=7), max_steps=max_steps, record=1)
     backward = td_lambda(mdp, pi, GAMMA, lam, 50, online=False, rng=rng(2), **options)
     forward = offline_lambda_return(mdp, pi, GAMMA, lam, 50, reading="summed", rng=rng(2), **options)
     close(backward.history, forward.history)
@@ -263,7 +264,7 @@ def test_offline_td_lambda_is_the_lambda_return_algorithm(lam, max_steps):
 def test_increments_of_one_episode_agree(cut):
     mdp, pi = prediction_world()
     V = rng(1).normal(size=7)
-    options = dict(alpha=0.1, V0=V, online=False, max_steps=8)
+    options = dict(alpha=0.1, V0=V, online=False, max_steps=8, record=1)
     seed = next(k for k in range(99) if (td_lambda(mdp, pi, GAMMA, LAM, 1, rng=rng(k), **options).lengths == 8) == cut)
     run, [path] = recorded(td_lambda, mdp, pi, GAMMA, LAM, 1, rng=rng(seed), **options)
     states, _, rewards = arrays(path)
@@ -301,7 +302,7 @@ def test_td_errors_add_up_to_the_return():
 @pytest.mark.parametrize("max_steps", [None, 5])
 def test_lambda_0_and_one_step_are_td0(max_steps):
     mdp, pi = prediction_world()
-    options = dict(alpha=0.3, V0=0.5, max_steps=max_steps)
+    options = dict(alpha=0.3, V0=0.5, max_steps=max_steps, record=1)
     expected = td0(mdp, pi, GAMMA, 30, rng=rng(4), **options)
     for trace in TRACES:
         run = td_lambda(mdp, pi, GAMMA, 0.0, 30, trace=trace, rng=rng(4), **options)
@@ -324,7 +325,7 @@ def every_visit(V, path, alpha, gamma):
 
 def test_lambda_1_and_many_steps_are_monte_carlo():
     mdp, pi = prediction_world()
-    options = dict(alpha=0.02, V0=1.0)
+    options = dict(alpha=0.02, V0=1.0, record=1)
     run, paths = recorded(td_lambda, mdp, pi, GAMMA, 1.0, 30, online=False, rng=rng(5), **options)
     V = run.history[0]
     for k, path in enumerate(paths):
@@ -338,7 +339,7 @@ def test_lambda_1_and_many_steps_are_monte_carlo():
 def test_lambda_1_with_replacing_traces_is_first_visit_monte_carlo():
     """Off line and undiscounted. Source: Singh and Sutton (1996)."""
     mdp, pi = prediction_world()
-    options = dict(alpha=0.1, V0=1.0)
+    options = dict(alpha=0.1, V0=1.0, record=1)
     run = td_lambda(mdp, pi, 1.0, 1.0, 30, trace="replacing", online=False, rng=rng(5), **options)
     first = constant_alpha_mc(mdp, pi, 1.0, 30, first_visit=True, rng=rng(5), **options)
     close(run.history, first.history)
@@ -347,7 +348,7 @@ def test_lambda_1_with_replacing_traces_is_first_visit_monte_carlo():
 @pytest.mark.parametrize("trace", TRACES)
 @pytest.mark.parametrize("max_steps", [None, 6])
 def test_sarsa_lambda_0_is_sarsa(trace, max_steps):
-    options = dict(alpha=0.3, epsilon=0.2, Q0=0.5, max_steps=max_steps)
+    options = dict(alpha=0.3, epsilon=0.2, Q0=0.5, max_steps=max_steps, record=1)
     for mdp in (awkward(start=0), windy_gridworld()):
         expected = sarsa(mdp, GAMMA, 20, rng=rng(6), **options)
         run = sarsa_lambda(mdp, GAMMA, 0.0, 20, trace=trace, rng=rng(6), **options)
@@ -376,7 +377,7 @@ def test_watkins_lambda_0_is_q_learning(trace):
 @pytest.mark.parametrize("max_steps", [None, 5])
 def test_n_step_td_is_its_definition(n, online, max_steps):
     mdp, pi = prediction_world()
-    options = dict(alpha=0.2, V0=rng(1).normal(size=7), online=online, max_steps=max_steps)
+    options = dict(alpha=0.2, V0=rng(1).normal(size=7), online=online, max_steps=max_steps, record=1)
     run, paths = recorded(n_step_td, mdp, pi, GAMMA, n, 12, rng=rng(7), **options)
     V = run.history[0].copy()
     for k, path in enumerate(paths):
@@ -397,7 +398,7 @@ def test_n_step_td_is_its_definition(n, online, max_steps):
 @pytest.mark.parametrize("max_steps", [None, 5])
 def test_offline_lambda_return_is_what_its_reading_says(reading, max_steps):
     mdp, pi = prediction_world()
-    options = dict(alpha=0.2, V0=rng(1).normal(size=7), reading=reading, max_steps=max_steps)
+    options = dict(alpha=0.2, V0=rng(1).normal(size=7), reading=reading, max_steps=max_steps, record=1)
     run, paths = recorded(offline_lambda_return, mdp, pi, GAMMA, LAM, 12, rng=rng(8), **options)
     V = run.history[0].copy()
     for k, path in enumerate(paths):
@@ -423,7 +424,7 @@ def test_long_episodes_are_kept_whole():
 @pytest.mark.parametrize("gamma, lam", [(0.9, 0.7), (1.0, 1.0), (0.3, 0.1), (0.0, 0.5)])
 def test_td_lambda_is_its_box(trace, online, gamma, lam):
     mdp, pi = prediction_world()
-    options = dict(alpha=0.1, V0=1.0, trace=trace, online=online)
+    options = dict(alpha=0.1, V0=1.0, trace=trace, online=online, record=1)
     run, paths = recorded(td_lambda, mdp, pi, gamma, lam, 15, rng=rng(9), **options)
     V = run.history[0].copy()
     for k, path in enumerate(paths):
@@ -442,7 +443,7 @@ def test_td_lambda_is_its_box(trace, online, gamma, lam):
 def test_traces_too_small_for_a_float(lam):
     """One long episode in which traces vanish and states come back: the same as by the box."""
     mdp = random_walk(60, rewards=(1.0, 2.0), start=30)
-    pi, options = uniform_policy(mdp), dict(alpha=0.5, V0=1.0, max_steps=6000)
+    pi, options = uniform_policy(mdp), dict(alpha=0.5, V0=1.0, max_steps=6000, record=1)
     seed = next(k for k in range(99) if td_lambda(mdp, pi, 0.5, lam, 1, rng=rng(k), **options).lengths[0] > 2500)
     run, [path] = recorded(td_lambda, mdp, pi, 0.5, lam, 1, rng=rng(seed), **options)
     V, E = run.history[0].copy(), np.zeros(62)
@@ -540,7 +541,7 @@ def test_control_is_its_box(trace, max_steps, learn):
         table[mdp.terminal] = 0.0
         cut = learn is watkins_q_lambda
         history, traces, cuts = box(mdp, GAMMA, LAM, 8, 0.2, 0.3, trace, table, max_steps, cut, rng(5))
-        options = dict(alpha=0.2, epsilon=0.3, trace=trace, Q0=Q0, max_steps=max_steps)
+        options = dict(alpha=0.2, epsilon=0.3, trace=trace, Q0=Q0, max_steps=max_steps, record=1)
         run = learn(mdp, GAMMA, LAM, 8, rng=rng(5), **options)
         legal = np.isfinite(table)
         close(run.history[:, legal], history[:, legal])
@@ -654,14 +655,15 @@ def learners():
     return found
 
 
-def _predict(learn, how, world, g, n_episodes=20, gamma=GAMMA, alpha=0.3, first=0.5, **options):
+def _predict(learn, how, world, g, n_episodes=20, gamma=GAMMA, alpha=0.3, first=0.5, record=1, **options):
     mdp = getattr(getattr(world, "unwrapped", world), "mdp", world)
     pi = uniform_policy(mdp) if isinstance(mdp, FiniteMDP) else np.ones((world.observation_space.n, 1))
-    return learn(world, pi, gamma, how, n_episodes, alpha=alpha, V0=first, rng=g, **options)
+    return learn(world, pi, gamma, how, n_episodes, alpha=alpha, V0=first, record=record, rng=g, **options)
 
 
-def _control(learn, world, g, n_episodes=20, gamma=GAMMA, alpha=0.3, first=0.5, **options):
-    return learn(world, gamma, LAM, n_episodes, alpha=alpha, epsilon=0.2, Q0=first, rng=g, **options)
+def _control(learn, world, g, n_episodes=20, gamma=GAMMA, alpha=0.3, first=0.5, record=1, **options):
+    options = dict(epsilon=0.2) | options
+    return learn(world, gamma, LAM, n_episodes, alpha=alpha, Q0=first, record=record, rng=g, **options)
 
 
 LEARNERS = learners()
@@ -814,7 +816,8 @@ WALK, TRUE = random_walk(19), np.arange(-9, 10) / 10
 
 def errors(learn, n_runs=100, **options):
     """RMS error of the 19-state walk over the first 10 episodes, a number for each run."""
-    runs = [learn(WALK, np.ones((21, 1)), 1.0, rng=g, max_steps=10**6, **options) for g in rng(0).spawn(n_runs)]
+    options |= dict(max_steps=10**6, record=1)
+    runs = [learn(WALK, np.ones((21, 1)), 1.0, rng=g, **options) for g in rng(0).spawn(n_runs)]
     return np.array([np.sqrt(((run.history[1:, 1:20] - TRUE) ** 2).mean(axis=1)).mean() for run in runs])
 
 
@@ -910,7 +913,7 @@ MAZE += [(0.9, "dutch", 1367), (0.9, "replacing", 1059)]
 @pytest.mark.parametrize("lam, trace, steps", MAZE)
 def test_maze_of_figure_28(lam, trace, steps):
     """Steps of the first ten episodes, 200 runs; band: 4 standard errors of each of the two means."""
-    options = dict(alpha=0.1, epsilon=0.1, trace=trace)
+    options = dict(alpha=0.1, epsilon=0.1, trace=trace, record=1)
     runs = [sarsa_lambda(DYNA_MAZE, 0.95, lam, 10, rng=g, **options) for g in rng(0).spawn(200)]
     found = np.array([run.lengths.sum() for run in runs])
     assert found.mean() == pytest.approx(steps, abs=8 * found.std() / np.sqrt(200))
@@ -988,7 +991,8 @@ WRONG = {
 EXTRA = {"rng", "trace", "reading", "V0", "Q0", "record", "online"}
 BAD = []
 for _learn, _good in GOOD.items():
-    _names = set(_learn.__code__.co_varnames[: _learn.__code__.co_argcount + _learn.__code__.co_kwonlyargcount])
+    _names = set(inspect.signature(_learn).parameters)
+    assert set(_good) <= _names
     BAD += [(_learn, name, value) for name in sorted(_names & set(WRONG)) for value in WRONG[name]]
 
 

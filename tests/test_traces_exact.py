@@ -99,7 +99,7 @@ def test_td_lambda_by_hand():
     V = (59/64, 27/16). Time 2: delta = 4 - 59/64 = 197/64, e = (17/16, 1/4).
     Off line: deltas 3/2, 1, 4 with e = (1, 0), (1/4, 1), (17/16, 1/4): 1/2 (3/2 + 1/4 + 17/4), 1/2 (1 + 1).
     """
-    options = dict(alpha=0.5, V0=[0.0, 1.0, 7.0], rng=rng())
+    options = dict(alpha=0.5, V0=[0.0, 1.0, 7.0], record=1, rng=rng())
     run = td_lambda(Script([FIRST], 3), ONE, 0.5, 0.5, 1, **options)
     close(run.V, [59 / 64 + 197 / 128 * 17 / 16, 27 / 16 + 197 / 128 / 4, 7])
     close(run.history, [[0, 1, 7], run.V])
@@ -138,7 +138,7 @@ def test_true_online_td_lambda_by_hand():
     Time 0: V(0) = 1/2 (1 + 1/2) = 3/4. Redone at time 1 with V_1(0) = 3/4 for the end: L_1 = 2 + 3/8, so that
     L_0 = 1 + 1/2 (1/2 + 1/2 L_1) = 59/32, V = (59/64, 27/16).
     """
-    options = dict(alpha=0.5, V0=[0.0, 1.0, 7.0], rng=rng())
+    options = dict(alpha=0.5, V0=[0.0, 1.0, 7.0], record=1, rng=rng())
     run = true_online_td_lambda(Script([FIRST], 3), ONE, 0.5, 0.5, 1, max_steps=1, **options)
     close(run.V, [0.75, 1, 7])
     run = true_online_td_lambda(Script([FIRST], 3), ONE, 0.5, 0.5, 1, max_steps=2, **options)
@@ -170,7 +170,7 @@ def test_n_step_td_on_six_episodes(max_steps, record, online, n):
 
 def test_n_step_td_by_hand():
     """n = 2, V = (0, 1, 7): G_0 = 1 + 1 + 0 = 2, V(0) = 1; then G_1 = 2 + 2 = 4, V(1) = 5/2; G_2 = 4, V(0) = 5/2."""
-    run = n_step_td(Script([FIRST], 3), ONE, 0.5, 2, 1, alpha=0.5, V0=[0.0, 1.0, 7.0], rng=rng())
+    run = n_step_td(Script([FIRST], 3), ONE, 0.5, 2, 1, alpha=0.5, V0=[0.0, 1.0, 7.0], record=1, rng=rng())
     close(run.history, [[0, 1, 7], [2.5, 2.5, 7]])
     close(n_step_td(Script([FIRST], 3), ONE, 0.5, 2, 1, alpha=0.5, online=False, rng=rng()).V, [3, 2, 0])
 
@@ -196,7 +196,7 @@ def test_offline_lambda_return_on_six_episodes(max_steps, record, reading):
 
 def test_offline_lambda_return_by_hand():
     """V = (0, 1, 7): L_2 = 4, L_1 = 2 + 1/2 (0 + 2) = 3, L_0 = 1 + 1/2 (1/2 + 3/2) = 2; V(0) = 1, 5/2, V(1) = 2."""
-    options = dict(alpha=0.5, V0=[0.0, 1.0, 7.0], rng=rng())
+    options = dict(alpha=0.5, V0=[0.0, 1.0, 7.0], record=1, rng=rng())
     run = offline_lambda_return(Script([FIRST], 3), ONE, 0.5, 0.5, 1, **options)
     close(run.history, [[0, 1, 7], [2.5, 2, 7]])
     close(offline_lambda_return(Script([FIRST], 3), ONE, 0.5, 0.5, 1, reading="summed", **options).V, [3, 2, 7])
@@ -207,9 +207,13 @@ def test_offline_lambda_return_by_hand():
 
 @pytest.mark.parametrize("reading", ["in order", "recomputed"])
 def test_offline_lambda_return_on_long_episodes(reading):
-    """There is room for 127 steps at first, then for twice as many."""
+    """There is room for 64 steps at first, then for twice as many."""
     g = rng(3)
-    lengths = (126, 127, 128, 129, 254, 255, 256, 300) if reading == "in order" else (127, 128)
+    lengths = (
+        (63, 64, 65, 126, 127, 128, 129, 254, 255, 256, 257, 300)
+        if reading == "in order"
+        else (63, 64, 65, 127, 128, 129)
+    )
     episodes = [(g.integers(9, size=n + 1).tolist(), g.normal(size=n).tolist(), "end") for n in lengths]
     options = dict(alpha=0.5, reading=reading, V0=1.0, rng=rng())
     run = offline_lambda_return(Script(episodes, 9), np.ones((9, 1)), 0.9, 0.8, len(lengths), **options)
@@ -282,7 +286,7 @@ def test_control_on_eighteen_episodes(learn, trace, max_steps, lam):
 @pytest.mark.parametrize("learn", [sarsa_lambda, watkins_q_lambda])
 def test_control_by_hand(learn):
     """One action: as in the hand-computed TD(lambda)."""
-    options = dict(alpha=0.5, epsilon=0.1, Q0=[[0.0], [1.0], [7.0]], rng=rng())
+    options = dict(alpha=0.5, epsilon=0.1, Q0=[[0.0], [1.0], [7.0]], record=1, rng=rng())
     run = learn(Script([FIRST], 3), 0.5, 0.5, 1, **options)
     close(run.Q[:, 0], [59 / 64 + 197 / 128 * 17 / 16, 27 / 16 + 197 / 128 / 4, 7])
     assert run.history.shape == (2, 3, 1) and run.returns.tolist() == [7] and run.lengths.tolist() == [3]
@@ -290,7 +294,7 @@ def test_control_by_hand(learn):
 
 
 def test_cuts_of_a_long_run_are_all_kept():
-    """There is room for 128 at first."""
+    """More than 256."""
     g = rng(5)
     episodes = [(g.integers(2, size=701).tolist(), [0.0] * 700, "end")]
     counts = []
@@ -323,7 +327,7 @@ LEARNERS += [partial(f, lam=0.5, alpha=0.5, epsilon=0.5) for f in (sarsa_lambda,
 
 @pytest.mark.parametrize("learn", LEARNERS)
 def test_results_are_arrays(learn):
-    run = learn(Script([FIRST] * 2, 3), gamma=0.5, n_episodes=2, rng=rng())
+    run = learn(Script([FIRST] * 2, 3), gamma=0.5, n_episodes=2, record=1, rng=rng())
     assert run.lengths.dtype == np.int64 and run.returns.dtype == run.history.dtype == run.policy.dtype == np.float64
     assert run.policy.shape == (3, 1) and run.returns.shape == run.lengths.shape == (2,)
     assert run.V.shape == (3,) and len(run.history) == 3
@@ -427,8 +431,14 @@ def test_trace_update_by_hand():
     for wrong in ([4], [-1]):
         with pytest.raises(ValueError, match=r"^visits: got .* must be times in 0\.\.3"):
             trace_course(wrong, 4, 0.5, "replacing")
-    with pytest.raises(ValueError, match="^trace: got 'x', allowed are 'accumulating', 'dutch', 'replacing'"):
-        kept("x", 0.5)
+    with pytest.raises(ValueError, match="^kind: got 'x', allowed are 'accumulating', 'dutch', 'replacing', 'dutch as"):
+        trace_update(4.0, 1, 0.5, "x", 0.25)
+    for learn in (td_lambda, sarsa_lambda, watkins_q_lambda):
+        options = dict(pi=np.ones((2, 1))) if learn is td_lambda else dict(epsilon=0.5)
+        with pytest.raises(ValueError, match="^trace: got 'x', allowed are 'accumulating', 'dutch', 'replacing'$"):
+            learn(chain([1.0]), gamma=0.5, lam=0.5, n_episodes=1, alpha=0.5, trace="x", rng=rng(), **options)
+    with pytest.raises(ValueError, match="^trace: got 'x', allowed are 'accumulating', 'dutch', 'replacing'$"):
+        backward_increments([0], [1.0], [0.0], 0.5, 0.5, 0.5, "x")
 
 
 def test_the_list_of_traces_holds_each_state_once():
@@ -472,8 +482,8 @@ def test_weights_that_do_not_fit(weights):
         complex_backup([1.0], [1.0], 0.5, weights)
 
 
-def test_cuts_beyond_the_first_128():
-    """The array of cuts grows: the cuts of 300 episodes begin with those of 30, and each lies within its episode."""
+def test_cuts_of_more_episodes_follow_those_of_fewer():
+    """The cuts of 300 episodes begin with those of 30, and each lies within its episode."""
     outcomes = {(0, 0): [(0.9, 0, 1.0), (0.1, 1, 0.0)], (0, 1): [(0.9, 0, 0.0), (0.1, 1, 0.0)]}
     mdp = FiniteMDP.from_outcomes(outcomes)
     few, many = (watkins_q_lambda(mdp, 0.9, 0.5, n, alpha=0.5, epsilon=0.4, rng=rng(0)) for n in (30, 300))

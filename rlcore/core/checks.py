@@ -219,14 +219,20 @@ def check_world(name, world, given=None):
     return world
 
 
+def model_of(world):
+    """The FiniteMDP that world is, or that its MDPEnv plays; None where there is none."""
+    model = world if isinstance(world, Model) else getattr(getattr(world, "unwrapped", None), "mdp", None)
+    return model if isinstance(model, Model) else None
+
+
 def spaces(world):
     """(legal, terminal) of a world, (S, A) and (S,) bool; every action is legal and no state known to be terminal in an
     environment that is not an MDPEnv.
 
     Raises ValueError unless world is a FiniteMDP or a gymnasium.Env whose observations and actions are Discrete.
     """
-    model = world if isinstance(world, Model) else getattr(getattr(world, "unwrapped", None), "mdp", None)
-    if isinstance(model, Model):
+    model = model_of(world)
+    if model is not None:
         return model.legal, model.terminal
     sizes = [getattr(getattr(world, f"{name}_space", None), "n", None) for name in ("observation", "action")]
     if None in sizes:
