@@ -1,1 +1,3 @@
 """Every algorithm of the companion, implemented once."""
+
+__version__ = "0.1.0"

@@ -6,10 +6,12 @@ actions: (B,) integers, or (B, A). advantage: (B,). `old` stands for outputs of 
 Source: Schulman et al. (2015, 2017).
 """
 
-import torch
-from torch.distributions import Categorical, Independent, Normal, kl_divergence
-
+from rlcore.core.extras import extra
 from rlcore.optimizers import check_positive
+
+with extra("deep"):
+    import torch
+    from torch.distributions import Categorical, Independent, Normal, kl_divergence
 
 __all__ = [
     "clip_objective", "distribution", "entropy", "kl_penalised", "label_objective", "mean_kl", "pg_objective",

@@ -3,6 +3,7 @@
 import numpy as np
 
 from rlcore.compiled import compiled
+from rlcore.core.extras import extra
 from rlcore.experience import FOREVER, act, books, check_max_steps, reset, run_loop, spaces
 from rlcore.mdp import FiniteMDP, check_count, check_function, check_gamma, check_rng, discounted_returns, is_number
 from rlcore.nn import MLP, Adam, check_network
@@ -307,7 +308,8 @@ def _world(world):
     """world, or the gymnasium environment of that id."""
     if not isinstance(world, str):
         return world
-    import gymnasium as gym
+    with extra("gym"):
+        import gymnasium as gym
 
     try:
         return gym.make(world, disable_env_checker=True)

@@ -1,10 +1,13 @@
 """A FiniteMDP as a gymnasium environment, and Catch from its pixels."""
 
-import gymnasium as gym
 import numpy as np
 
+from rlcore.core.extras import extra
 from rlcore.envs.catch import catch, catch_pixels
 from rlcore.mdp import FiniteMDP, cumulative, draw
+
+with extra("gym"):
+    import gymnasium as gym
 
 
 class LegalActions(gym.spaces.Discrete):
