@@ -27,7 +27,7 @@ import numpy as np  # noqa: E402
 from rlcore.envs import short_corridor  # noqa: E402
 from rlcore.nn import MLP  # noqa: E402
 from rlcore.optimizers import Adam  # noqa: E402
-from rlcore.reinforce import reinforce  # noqa: E402
+from rlcore.reinforce import reinforce, reinforce_network  # noqa: E402
 from rlcore.torchnet import TorchNet  # noqa: E402
 
 RESULTS = Path(__file__).parent / "results" / "reinforce.csv"
@@ -50,7 +50,7 @@ def cartpole(seed, twin=False):
     nets = {}
     if twin:
         nets = {name: TorchNet.like(MLP([4, 32, n], optimizer=Adam(0.01), rng=rng)) for name, n in NETS.items()}
-    reinforce("CartPole-v1", n_episodes=1000, baseline="value", on_episode=solved, rng=rng, **nets)
+    reinforce_network("CartPole-v1", 0.99, 1000, baseline="value", on_episode=solved, rng=rng, **nets)
     return solved
 
 
@@ -90,11 +90,9 @@ def torch_example(seed):
 
 
 def corridor(seed):
-    settings = dict(gamma=1.0, n_episodes=1000, alpha=2.0**-13, p_min=0.001, max_steps=1000, every_step=True, record=0)
-    theta0 = np.array([[1.47], [-1.47]])
-    return reinforce(
-        short_corridor(), features=np.ones((4, 1)), theta0=theta0, rng=np.random.default_rng(seed), **settings
-    ).returns
+    start = dict(features=np.ones((4, 1)), theta0=np.array([[1.47], [-1.47]]))
+    settings = dict(alpha=2.0**-13, p_min=0.001, max_steps=1000, every_step=True, **start)
+    return reinforce(short_corridor(), 1.0, 1000, rng=np.random.default_rng(seed), **settings).returns
 
 
 def corridor_loop(seed):
@@ -138,7 +136,7 @@ def main():
     }
     for name, job in jobs.items():
         if options.only in name:
-            reinforce("CartPole-v1", n_episodes=1, rng=np.random.default_rng(0))  # imports
+            reinforce_network("CartPole-v1", 0.99, 1, rng=np.random.default_rng(0))  # imports
             runs = [timed(job, seed) for seed in seeds]
             n_solved = sum(np.mean(run.returns[-100:]) >= 475 for _, run in runs)
             steps = int(np.median([run.steps for _, run in runs]))

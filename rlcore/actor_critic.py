@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from rlcore.core.checks import checked, function_of
+from rlcore.core.checks import checked
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.schedules import at
 from rlcore.core.worlds import act, reset
 from rlcore.distributions import Categorical
 from rlcore.policies import LINEAR, add_score, choose, dot, gradient, probabilities
-from rlcore.reinforce import check_networks, make_networks, network_world
+from rlcore.reinforce import NETWORKS, make_networks
 from rlcore.td import td_error
 
 
@@ -43,8 +43,7 @@ def actor_critic(
     return theta, w, returns, lengths, history
 
 
-@checked(world=network_world, alpha=LINEAR["alpha"], alpha_w=LINEAR["alpha_w"], **check_networks(),
-         on_episode=function_of("(return, steps so far)"))  # fmt: skip
+@checked(**NETWORKS)
 def actor_critic_network(
     world, gamma, n_episodes, *, alpha=0.01, alpha_w=0.01, net=None, critic=None, discount_states=False,
     max_steps=None, on_episode=None, rng,

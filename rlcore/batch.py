@@ -4,11 +4,23 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import as_floats, as_integers, check_count, check_gamma, check_rate, is_number
+from rlcore.core.checks import (
+    anything,
+    as_floats,
+    as_integers,
+    check_finite,
+    check_flag,
+    check_rate,
+    checked,
+    count,
+    finite,
+    show,
+)
 from rlcore.mdp import Trajectory, discounted_returns
 from rlcore.td import td_error
 
 
+@checked(episodes=anything, unvisited=check_finite, alpha=check_rate, max_sweeps=count(), each=check_flag)
 def batch_mc(episodes, n_states, gamma, *, unvisited=0.0, alpha=None, tol=1e-10, max_sweeps=100_000, each=False):
     """V (S,) with the least squared error on the episodes: the mean return of each state. alg-batch-mc, cl-048
 
@@ -18,7 +30,7 @@ def batch_mc(episodes, n_states, gamma, *, unvisited=0.0, alpha=None, tol=1e-10,
     up alpha (G - V(s)) over all visits before V changes, from `unvisited` on until no V(s) changes by tol.
     Raises ValueError where the sweeps diverge. Source: Sutton and Barto (2018), section 6.3.
     """
-    batch, gamma, unvisited = _pool(episodes, n_states), check_gamma(gamma), _check_unvisited(unvisited)
+    batch = _pool(episodes, n_states)
     G = np.concatenate([discounted_returns(rewards, gamma) for rewards in batch.rewards])
     V0 = np.where(batch.terminal, 0.0, unvisited)
     if alpha is None:
@@ -30,6 +42,14 @@ def batch_mc(episodes, n_states, gamma, *, unvisited=0.0, alpha=None, tol=1e-10,
     return _sweep(lambda V: np.bincount(batch.s, G - V[batch.s], V.size), V0, alpha, tol, max_sweeps)  # eq-18
 
 
+def _first_values(name, V0, given):
+    V0, S = finite(name, V0), given["n_states"]
+    if V0.shape not in ((), (S,)):
+        raise ValueError(f"{name}: got shape {V0.shape}, must be a number or ({S},), finite")
+    return V0
+
+
+@checked(episodes=anything, alpha=check_rate, V0=_first_values, max_sweeps=count())
 def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sweeps=100_000):
     """V (S,) that batch TD(0) settles at, the certainty-equivalence estimate. alg-batch-td, cl-046, cl-050
 
@@ -38,9 +58,7 @@ def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sw
     states that no episode meets keep it. Raises ValueError where the sweeps diverge.
     Source: Sutton and Barto (2018), section 6.3.
     """
-    batch, gamma, V0 = _pool(episodes, n_states), check_gamma(gamma), as_floats("V0", V0)
-    if V0.shape not in ((), batch.terminal.shape) or not np.isfinite(V0).all():
-        raise ValueError(f"V0: got {V0}, must be a number or {batch.terminal.shape}, finite")
+    batch = _pool(episodes, n_states)
     s, s_next = batch.s, batch.s_next
 
     def increments(V):
@@ -49,23 +67,18 @@ def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sw
     return _sweep(increments, np.where(batch.terminal, 0.0, V0), alpha, tol, max_sweeps)
 
 
+@checked(episodes=anything, unvisited=check_finite, each=check_flag)
 def certainty_equivalence(episodes, n_states, gamma, *, unvisited=0.0, each=False):
     """v (S,) of the most likely Markov process: transitions and rewards as counted. alg-certainty-equivalence, cl-050
 
     episodes, unvisited, each: as for `batch_mc`. Source: Sutton and Barto (2018), section 6.3.
     """
-    batch, gamma, unvisited = _pool(episodes, n_states), check_gamma(gamma), _check_unvisited(unvisited)
+    batch = _pool(episodes, n_states)
     N, total = _sums(batch, 1.0, each), _sums(batch, batch.r, each)
     P = _sums(batch, 1.0, each, to=batch.s_next) / np.maximum(N, 1)[:, :, None]
     r = np.where(N > 0, total / np.maximum(N, 1), np.where(batch.terminal, 0.0, unvisited))
     V = np.linalg.solve(np.eye(r.shape[1]) - gamma * P, r[:, :, None])[:, :, 0]  # eq-12
     return V if each else V[0]
-
-
-def _check_unvisited(value):
-    if not is_number(value) or not np.isfinite(value):
-        raise ValueError(f"unvisited: got {value!r}, must be a finite number")
-    return float(value)
 
 
 # Steps of all episodes in a row, (n,) each, with the number of their episode; rewards by episode; terminal (S,)
@@ -74,10 +87,14 @@ Batch = namedtuple("Batch", "s r s_next episode rewards terminal")
 
 def _pool(episodes, n_states):
     """The steps of all episodes as a Batch; ValueError unless every episode ends, in a state that none goes on from."""
-    S, pairs = check_count("n_states", n_states), []
+    S, pairs = n_states, []
+    if isinstance(episodes, (str, bytes)) or not hasattr(episodes, "__iter__"):
+        raise ValueError(f"episodes: got {show(episodes)}, must be Trajectories, or pairs of states and rewards")
     for i, episode in enumerate(episodes):
         if getattr(episode, "terminated", True) is False:
             raise ValueError(f"episodes: number {i} was cut before its end, must run to a terminal state")
+        if not isinstance(episode, Trajectory) and not (isinstance(episode, (tuple, list)) and len(episode) == 2):
+            raise ValueError(f"episodes: number {i} is {show(episode)}, must be a Trajectory, or (states, rewards)")
         states, rewards = (episode.states, episode.rewards) if isinstance(episode, Trajectory) else episode
         states, rewards = as_integers("episodes", states), as_floats("episodes", rewards)
         if rewards.ndim != 1 or rewards.size == 0 or states.shape != (rewards.size + 1,):
@@ -110,9 +127,6 @@ def _sums(batch, x, each, to=None):
 
 def _sweep(increments, V, alpha, tol, max_sweeps):
     """V after sweeps V + alpha increments(V), until none changes an entry by tol."""
-    alpha, max_sweeps = check_rate("alpha", alpha), check_count("max_sweeps", max_sweeps)
-    if not is_number(tol) or not tol > 0:
-        raise ValueError(f"tol: got {tol!r}, must be positive")
     for _ in range(max_sweeps):
         change = alpha * increments(V)
         V, largest = V + change, np.abs(change).max()
@@ -120,7 +134,7 @@ def _sweep(increments, V, alpha, tol, max_sweeps):
             return V
         if largest > 1e100:
             raise ValueError(
-                f"alpha: got {alpha}, too large for so many visits: V grows with every sweep, beyond 1e100"
+                f"alpha: got {alpha}, must be smaller for so many visits: V grows with every sweep, beyond 1e100"
             )
     raise ValueError(
         f"max_sweeps: got {max_sweeps}, V still changes by {largest:.3g} a sweep, must be more (or tol larger)"

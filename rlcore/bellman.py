@@ -6,55 +6,59 @@ from functools import cache
 import numpy as np
 
 from rlcore.core.chains import chain, reaches, require_end_of, solve_system
-from rlcore.core.checks import (
-    as_floats,
-    check_count,
-    check_gamma,
-    check_index,
-    check_mdp,
-    check_policy,
-    check_q,
-    check_values,
-    finite_values,
-    is_number,
-)
+from rlcore.core.checks import as_floats, check_nonnegative, checked
 from rlcore.mdp import deterministic_policy
 
 
+def table(name, Q, given):
+    """The rule of any Q (S, A) without NaN, -inf where an action is not legal."""
+    Q = as_floats(name, Q)
+    if Q.ndim != 2 or Q.shape[1] == 0 or np.isnan(Q).any():
+        raise ValueError(f"{name}: got shape {Q.shape}{' with NaN' * bool(np.isnan(Q).any())}, must be (S, A) numbers")
+    return Q
+
+
+def _weights(name, pi, given):
+    pi = as_floats(name, pi)
+    if pi.shape != given["Q"].shape:
+        raise ValueError(f"{name}: got shape {pi.shape}, must be that of Q, {given['Q'].shape}")
+    if not (pi >= 0).all():
+        raise ValueError(f"{name}: contains {pi[~(pi >= 0)][0]:g}, must be probabilities")
+    return pi
+
+
+@checked
 def q_from_v(mdp, V, gamma):
     """q(s, a) = E[R + gamma V(S')], (S, A); -inf where a is not in A(s). eq-15, one-step lookahead alg-greedy-lookahead
 
     V: (S,) or a number. Terminal states count as 0 whatever V says. With V = v_pi this is q_pi, with v_* it is q_*.
     """
-    V, gamma = check_values(mdp, V), check_gamma(gamma)
     Q = (mdp.prob * (mdp.reward + gamma * V[mdp.next_state])).sum(axis=2)  # eq-15
     return np.where(mdp.legal, Q, -np.inf)
 
 
+@checked(Q=table, pi=_weights)
 def v_from_q(Q, pi):
     """v(s) = sum over a of pi(a|s) q(s, a), (S,). fig-3
 
     Q, pi: (S, A). An action of probability 0 counts 0 even where Q is -inf.
     """
-    Q, pi = _rows(Q), as_floats("pi", pi)
-    if Q.shape != pi.shape:
-        raise ValueError(f"pi: got shape {pi.shape}, must be that of Q, {Q.shape}")
-    if not (pi >= 0).all():
-        raise ValueError(f"pi: contains {pi[~(pi >= 0)][0]:g}, must be probabilities")
     return (pi * np.where(pi > 0, Q, 0.0)).sum(axis=1)
 
 
+@checked
 def expectation_backup(mdp, pi, V, gamma):
     """Right-hand side of the Bellman equation for v_pi, (S,). eq-12, om-bellman-derivation, alg-bellman-operators
 
     V is v_pi exactly where this gives V back.
     """
-    return v_from_q(q_from_v(mdp, V, gamma), check_policy(mdp, pi))  # eq-12
+    return v_from_q(q_from_v(mdp, V, gamma), pi)  # eq-12
 
 
+@checked
 def expectation_backup_q(mdp, pi, Q, gamma):
     """Right-hand side of the Bellman equation for q_pi, (S, A). om-bellman-q, fig-4"""
-    return q_from_v(mdp, v_from_q(check_q(mdp, Q), check_policy(mdp, pi)), gamma)
+    return q_from_v(mdp, v_from_q(Q, pi), gamma)
 
 
 def optimality_backup(mdp, V, gamma):
@@ -62,101 +66,94 @@ def optimality_backup(mdp, V, gamma):
     return q_from_v(mdp, V, gamma).max(axis=1)  # eq-16
 
 
+@checked
 def optimality_backup_q(mdp, Q, gamma):
     """Right-hand side of the Bellman optimality equation for q_*, (S, A). eq-17 corrected"""
-    return q_from_v(mdp, check_q(mdp, Q).max(axis=1), gamma)  # eq-17
+    return q_from_v(mdp, Q.max(axis=1), gamma)  # eq-17
 
 
+@checked(Q=table)
 def greedy(Q):
     """The policy (S, A) that takes the first maximising action of each row. alg-greedy-lookahead"""
-    Q = _rows(Q)
     return np.eye(Q.shape[1])[Q.argmax(axis=1)]
 
 
+@checked(Q=table, tol=check_nonnegative)
 def greedy_actions(Q, tol=1e-9):
     """Every maximising action: (S, A) bool, Q(s, a) >= max - tol * (1 + |max|). cl-013"""
-    Q = _rows(Q)
-    if not is_number(tol) or not 0 <= tol < np.inf:
-        raise ValueError(f"tol: got {tol!r}, must be a number of at least 0")
     best = Q.max(axis=1, keepdims=True)
     return best - tol * (1 + np.abs(best)) <= Q
 
 
-def _rows(Q):
-    Q = as_floats("Q", Q)
-    if Q.ndim != 2 or Q.shape[1] == 0 or np.isnan(Q).any():
-        raise ValueError(f"Q: got shape {Q.shape}{' with NaN' if np.isnan(Q).any() else ''}, must be (S, A) numbers")
-    return Q
-
-
+@checked
 def policy_matrix(mdp, pi):
     """P_pi (S, S) as a scipy sparse array, and r_pi (S,): the Markov reward process of pi. eq-u-model-and-policy"""
-    return chain(mdp, check_policy(mdp, pi))
+    return chain(mdp, pi)
 
 
+@checked
 def is_proper(mdp, pi):
     """Whether pi reaches a terminal state with probability 1 from every state."""
-    P, _ = policy_matrix(mdp, pi)
-    return bool(reaches(P, mdp.terminal).all())
+    return bool(reaches(chain(mdp, pi)[0], mdp.terminal).all())
 
 
+@checked
 def solve_policy(mdp, pi, gamma):
     """v_pi (S,), the solution of the linear system (12). eq-12, alg-bellman-operators
 
     Raises ValueError at gamma = 1 where pi may never reach a terminal state (an improper policy): there the system is
     singular. Source: Puterman (1994), theorem 6.1.1.
     """
-    gamma = check_gamma(gamma)
-    P, r = policy_matrix(mdp, pi)
+    P, r = chain(mdp, pi)
     return solve_system(P, r, gamma, mdp.terminal)
 
 
+@checked
 def expected_visits(mdp, pi, gamma):
     """Expected discounted number of visits to each state from the start distribution, (S,); 0 at terminal states.
 
     The solution of mu = start + gamma P_pi^T mu, which weights the states in the policy gradient. eq-u-pg-theorem
     Raises ValueError as `solve_policy` does. Source: Puterman (1994), section 6.9.
     """
-    gamma, P, go = check_gamma(gamma), policy_matrix(mdp, pi)[0], ~mdp.terminal
+    P, go = chain(mdp, pi)[0], ~mdp.terminal
     require_end_of(P, gamma, mdp.terminal)
     P, visits = P.toarray()[go][:, go], np.zeros(mdp.n_states)
     visits[go] = np.linalg.solve(np.eye(len(P)) - gamma * P.T, mdp.start[go])
     return visits
 
 
+@checked
 def deterministic_policies(mdp):
     """Every deterministic policy (S, A), for processes so small that they can be listed. eq-13, eq-14"""
     allowed = [[0] if end else np.flatnonzero(row) for row, end in zip(mdp.legal, mdp.terminal)]
-    for actions in itertools.product(*allowed):
-        yield deterministic_policy(mdp, np.array(actions))
+    return (deterministic_policy(mdp, np.array(actions)) for actions in itertools.product(*allowed))
 
 
+@checked
 def newton_optimality(mdp, gamma, n_iter, *, V0=0.0):
     """Newton's method on V - (optimality backup of V) = 0; history (n_iter + 1, S). alg-nonlinear-system, eq-16
 
     The system is piecewise linear; its derivative at V is I - gamma P_pi with pi greedy for V, so that a Newton step is
     a step of policy iteration. Source: Puterman and Brumelle (1979).
     """
-    V, gamma = check_values(mdp, V0, "V0"), check_gamma(gamma)
-    history = [V]
-    for _ in range(check_count("n_iter", n_iter)):
-        P, _ = policy_matrix(mdp, greedy(q_from_v(mdp, V, gamma)))
+    V, history = V0, [V0]
+    for _ in range(n_iter):
+        P, _ = chain(mdp, greedy(q_from_v(mdp, V, gamma)))
         V = V + solve_system(P, optimality_backup(mdp, V, gamma) - V, gamma, mdp.terminal)
         history.append(V)
     return np.array(history)
 
 
+@checked
 def heuristic_search(mdp, s, depth, gamma, *, V0=0.0):
     """Values (A,) of the actions of state s after an expectimax search of `depth` steps with V0 at the leaves.
 
     -inf where a is not in A(s). The error is at most gamma^depth times that of V0. alg-heuristic-search
     """
-    s, depth = check_index("s", s, check_mdp(mdp).n_states), check_count("depth", depth)
-    V, gamma = check_values(mdp, V0, "V0"), check_gamma(gamma)
 
     @cache
     def value(s, depth):
-        return V[s] if depth == 0 or mdp.terminal[s] else lookahead(s, depth).max()
+        return V0[s] if depth == 0 or mdp.terminal[s] else lookahead(s, depth).max()
 
     def lookahead(s, depth):
         q = np.full(mdp.n_actions, -np.inf)
@@ -172,21 +169,22 @@ def heuristic_search(mdp, s, depth, gamma, *, V0=0.0):
 # ---------------------------------------------------------------------- certified error bounds
 
 
+@checked
 def policy_error_bound(mdp, pi, V, gamma):
     """A number that max |V - v_pi| does not exceed, rounding included; (residual + rounding) times the horizon.
 
     The horizon is 1 / (1 - gamma), or at gamma = 1 the largest expected number of steps to a terminal state under pi.
     V: (S,). Source: Puterman (1994), theorem 6.3.1; Bertsekas (2012), section 3.2.
     """
-    V = finite_values(mdp, V)
     residual = np.abs(expectation_backup(mdp, pi, V, gamma) - V)[~mdp.terminal].max() + _rounding(mdp, V)
     if gamma < 1:
         return float(residual / (1 - gamma))
-    P, _ = policy_matrix(mdp, pi)
+    P, _ = chain(mdp, pi)
     steps = solve_system(P, (~mdp.terminal).astype(float), 1.0, mdp.terminal)
     return float(residual * steps.max() * (1 + 1e-6))
 
 
+@checked
 def error_bound(mdp, V, gamma):
     """A number that max |V - v_*| does not exceed, rounding included; inf where nothing can be certified.
 
@@ -194,14 +192,13 @@ def error_bound(mdp, V, gamma):
     the greedy policy and V plus the residual times the number of steps that an optimal policy can afford.
     V: (S,). Source: Puterman (1994), theorem 6.3.1; Bertsekas and Tsitsiklis (1991).
     """
-    V = finite_values(mdp, V)
     change, rounding = (optimality_backup(mdp, V, gamma) - V)[~mdp.terminal], _rounding(mdp, V)
     if gamma < 1:
         return float((np.abs(change).max() + rounding) / (1 - gamma))
     cost = -np.where(mdp.legal, mdp.expected_reward(), -np.inf)[~mdp.terminal].max()
     if cost <= 0:
         return np.inf
-    P, r = policy_matrix(mdp, greedy(q_from_v(mdp, V, gamma)))
+    P, r = chain(mdp, greedy(q_from_v(mdp, V, gamma)))
     if not reaches(P, mdp.terminal).all():
         return np.inf
     lower = solve_system(P, r, 1.0, mdp.terminal)

@@ -4,17 +4,13 @@ import numpy as np
 
 from rlcore.bellman import error_bound, greedy, policy_error_bound, policy_matrix, q_from_v, solve_policy
 from rlcore.core.chains import reaches
-from rlcore.core.checks import check_policy, checked, finite_values
+from rlcore.core.checks import check_policy, checked
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution
 from rlcore.mdp import uniform_policy
 
 
-def _finite(name, V, given):
-    return finite_values(given["mdp"], V, name)
-
-
-@checked(V0=_finite)
+@checked
 def policy_evaluation(mdp, pi, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=100_000, record=0):
     """v_pi by sweeps of the Bellman equation (12). om-policy-evaluation, alg-policy-evaluation
 
@@ -96,7 +92,7 @@ def policy_iteration(mdp, gamma, *, pi0=None, max_iter=1000, record=0):
     return Solution(V, q_from_v(mdp, V, gamma), pi, n, stable, bound, _kept(history, record))
 
 
-@checked(V0=_finite)
+@checked
 def value_iteration(mdp, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=100_000, record=0):
     """v_* by sweeps of the Bellman optimality equation (16). eq-u-value-iteration, fig-13, alg-value-iteration
 

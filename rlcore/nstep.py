@@ -6,23 +6,82 @@ terminated, and one more entry, V(S_T), where it was cut and goes on unseen.
 
 import numpy as np
 
-from rlcore.bellman import policy_matrix, solve_policy
+from rlcore.bellman import solve_policy
+from rlcore.core.chains import chain
 from rlcore.core.checks import (
-    as_floats,
+    array,
     as_integers,
     check_count,
-    check_gamma,
+    check_flag,
     check_index,
     check_probability,
     check_rate,
-    check_values,
+    checked,
     choice,
+    count,
+    finite,
+    finite_values,
+    show,
 )
 from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner, log, note, prediction
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at
 from rlcore.core.worlds import act, episode, reset, total
+
+# ---------------------------------------------------------------------- what an episode is
+
+
+def reward_list(name, rewards, given):
+    """The rule of rewards (T,)."""
+    rewards = finite(name, rewards)
+    if rewards.ndim != 1 or rewards.size == 0:
+        raise ValueError(f"{name}: got shape {rewards.shape}, must be (T,) with T at least 1")
+    return rewards
+
+
+def value_list(name, values, given):
+    """The rule of values (T,), or (T + 1,) where the episode was cut: (T + 1,), the last 0 where it terminated."""
+    values, T = finite(name, values), given["rewards"].size
+    if values.shape not in ((T,), (T + 1,)):
+        raise ValueError(f"{name}: got shape {values.shape}, must be ({T},) or ({T + 1},)")
+    return np.append(values, 0.0) if values.size == T else values
+
+
+def visited(name, states, given):
+    """The rule of states (T,), or (T + 1,) where the episode was cut; `values_on_the_way` looks whether V has them."""
+    states = as_integers(name, states)
+    if states.ndim != 1 or states.size == 0 or (states < 0).any():
+        raise ValueError(f"{name}: got {show(states)}, must be (T,) or (T + 1,) states from 0 on")
+    return states
+
+
+def values_on_the_way(states, rewards, V):
+    """V of the states, (T + 1,), the last 0 where the episode terminated."""
+    if (states >= V.size).any():
+        raise ValueError(f"states: got {states}, must be (T,) or (T + 1,) states in 0..{V.size - 1}")
+    if states.size not in (rewards.size, rewards.size + 1):
+        raise ValueError(f"states: got {states.size}, must be as many as rewards, or one more")
+    return value_list("values", V[states], {"rewards": rewards})
+
+
+def _time(name, t, given):
+    return check_index(name, t, given["rewards"].size)
+
+
+def _mixture(name, weights, given):
+    """The rule of weights {n: weight}, at least 0, that sum to 1."""
+    if not isinstance(weights, dict) or not weights:
+        raise ValueError(f"{name}: got {show(weights)}, must be {{n: weight}} with at least one n")
+    weights = {check_count(name, n): check_probability(name, w) for n, w in weights.items()}
+    if abs(sum(weights.values()) - 1) > 1e-9:
+        raise ValueError(f"{name}: weights sum to {sum(weights.values()):.12g}, must be 1")
+    return weights
+
+
+def _steps_or_mixture(name, n, given):
+    return _mixture(name, n, given) if isinstance(n, dict) else {check_count(name, n): 1.0}
+
 
 # ---------------------------------------------------------------------- targets of one episode
 
@@ -46,49 +105,49 @@ def lambda_returns(rewards, values, gamma, lam, first):
     return L
 
 
+@checked(rewards=reward_list, values=value_list, t=_time)
 def n_step_return(rewards, values, gamma, n, t=None):
     """G_t^{t+n}(V(S_{t+n})), or the complete return where t + n passes the end. eq-22, eq-23, eq-24, eq-25, cl-064
 
     rewards: (T,). values: (T,) where the episode terminated, (T + 1,) where it was cut. t: a time in 0..T-1; all times
     where it is None. Returns a number, or (T,). Source: Sutton and Barto (2018), (7.1).
     """
-    rewards, values, gamma, n = *_episode(rewards, values), check_gamma(gamma), check_count("n", n)
     T = rewards.size
-    if t is not None:
-        t = check_index("t", t, T)
-        return float(return_to_horizon(rewards, gamma, t, min(t + n, T), values[min(t + n, T)]))
-    return np.array([n_step_return(rewards, values, gamma, n, t) for t in range(T)])
+    G = [return_to_horizon(rewards, gamma, t, min(t + n, T), values[min(t + n, T)]) for t in ([t], range(T))[t is None]]
+    return np.array(G) if t is None else float(G[0])
 
 
+@checked(rewards=reward_list, values=value_list, weights=_mixture)
 def complex_backup(rewards, values, gamma, weights):
     """A mixture of n-step returns, (T,). eq-u-complex-example, alg-complex-backup
 
     rewards, values: as in n_step_return. weights: {n: weight}, weights at least 0 that sum to 1.
     Source: Watkins (1989), section 7.2.
     """
-    weights = _check_weights("weights", weights)
     return sum(w * n_step_return(rewards, values, gamma, n) for n, w in weights.items())
 
 
+@checked(rewards=reward_list, values=value_list)
 def lambda_return(rewards, values, gamma, lam):
     """L_0 ... L_{T-1}, (T,), by one backward pass. eq-31, eq-32, alg-lambda-return, cl-070
 
     rewards, values: as in n_step_return. lam = 0 gives the one-step target, lam = 1 the return, both exactly.
     Source: Sutton and Barto (2018), (12.18).
     """
-    rewards, values, gamma, lam = *_episode(rewards, values), check_gamma(gamma), check_probability("lam", lam)
     return lambda_returns(rewards, values, gamma, lam, 0)
 
 
+@checked(T_minus_t=count())
 def lambda_weights(T_minus_t, lam):
     """Weights of the 1-step, 2-step, ... and of the complete return in L_t, (T_minus_t,). eq-32, fig-23, fig-24
 
     T_minus_t: how many steps are left. The complete return, which comes last, gets all that the others leave.
     """
-    n, lam = np.arange(1, check_count("T_minus_t", T_minus_t) + 1), check_probability("lam", lam)
+    n = np.arange(1, T_minus_t + 1)
     return np.where(n < n.size, 1 - lam, 1.0) * lam ** (n - 1.0)  # eq-32
 
 
+@checked(v=lambda name, v, given: finite_values(given["mdp"], v, name), n=_steps_or_mixture, printed=check_flag)
 def error_reduction(mdp, pi, v, n, gamma, *, printed=False):
     """(left, right) of max |E[n-step return with v] - v_pi| <= gamma^n max |v - v_pi|. eq-30, cl-065, cl-069
 
@@ -96,11 +155,9 @@ def error_reduction(mdp, pi, v, n, gamma, *, printed=False):
     gamma^n. printed: bootstrap from S_{t+1} whatever n is, as printed in the document; then it may fail.
     Exact, from powers of the transition matrix. Source: Sutton and Barto (2018), (7.3).
     """
-    v_pi, v = solve_policy(mdp, pi, gamma), check_values(mdp, v, "v")
-    P, r = policy_matrix(mdp, pi)
-    weights = _check_weights("n", n) if isinstance(n, dict) else {check_count("n", n): 1.0}
+    v_pi, (P, r) = solve_policy(mdp, pi, gamma), chain(mdp, pi)
     expected, factor = np.zeros_like(v), 0.0
-    for steps, weight in weights.items():
+    for steps, weight in n.items():
         rewards, last = np.zeros_like(v), P @ v if printed else v
         for _ in range(steps):
             rewards, last = r + gamma * (P @ rewards), last if printed else P @ last
@@ -109,17 +166,15 @@ def error_reduction(mdp, pi, v, n, gamma, *, printed=False):
     return float(np.abs(expected - v_pi).max()), float(factor * np.abs(v - v_pi).max())  # eq-30
 
 
+@checked(states=visited, rewards=reward_list, V=array("S"), alpha=check_rate)
 def forward_increments(states, rewards, V, gamma, lam, alpha):
     """What the lambda-returns of an episode add to V, V held fixed: (T, S), row t at time t. eq-33, fig-25
 
     states: (T,) where the episode terminated, else (T + 1,). rewards: (T,). V: (S,). The sum over t is the update.
     """
-    states, rewards, values, V = visited_values(states, rewards, V)
-    L = lambda_return(rewards, values, gamma, lam)
-    increments = np.zeros((rewards.size, V.size))
-    increments[np.arange(rewards.size), states[: rewards.size]] = check_rate("alpha", alpha) * (
-        L - values[: rewards.size]
-    )
+    T, values = rewards.size, values_on_the_way(states, rewards, V)
+    increments = np.zeros((T, V.size))
+    increments[np.arange(T), states[:T]] = alpha * (lambda_returns(rewards, values, gamma, lam, 0) - values[:T])
     return increments  # eq-33
 
 
@@ -187,42 +242,3 @@ def offline_lambda_return(
             change[:] = 0.0
         note(history, V, k, record)
     return V, returns, lengths, history
-
-
-# ---------------------------------------------------------------------- checks
-
-
-def _episode(rewards, values):
-    """rewards (T,) and values (T + 1,) as floats, the last value 0 where the episode terminated."""
-    rewards, values = as_floats("rewards", rewards), as_floats("values", values)
-    for name, x in (("rewards", rewards), ("values", values)):
-        if not np.isfinite(x).all():
-            raise ValueError(f"{name}: contains a number that is not finite, must be finite")
-    if rewards.ndim != 1 or rewards.size == 0:
-        raise ValueError(f"rewards: got shape {rewards.shape}, must be (T,) with T at least 1")
-    if values.shape not in (rewards.shape, (rewards.size + 1,)):
-        raise ValueError(f"values: got shape {values.shape}, must be ({rewards.size},) or ({rewards.size + 1},)")
-    return rewards, np.append(values, 0.0) if values.size == rewards.size else values
-
-
-def visited_values(states, rewards, V):
-    """states, rewards, values (T + 1,) of the states, and V; ValueError unless they fit each other."""
-    states, V = as_integers("states", states), as_floats("V", V)
-    if V.ndim != 1:
-        raise ValueError(f"V: got shape {V.shape}, must be (S,)")
-    if states.ndim != 1 or ((states < 0) | (states >= V.size)).any():
-        raise ValueError(f"states: got {states}, must be (T,) or (T + 1,) states in 0..{V.size - 1}")
-    rewards, _ = _episode(rewards, np.zeros(np.size(rewards)))
-    if states.size not in (rewards.size, rewards.size + 1):
-        raise ValueError(f"states: got {states.size}, must be as many as rewards, or one more")
-    return states, *_episode(rewards, V[states]), V
-
-
-def _check_weights(name, weights):
-    """weights as {int: float}; ValueError unless they are at least 0 and sum to 1."""
-    if not isinstance(weights, dict) or not weights:
-        raise ValueError(f"{name}: got {weights!r}, must be {{n: weight}} with at least one n")
-    weights = {check_count(name, n): check_probability(name, w) for n, w in weights.items()}
-    if abs(sum(weights.values()) - 1) > 1e-9:
-        raise ValueError(f"{name}: weights sum to {sum(weights.values()):.12g}, must be 1")
-    return weights

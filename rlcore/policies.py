@@ -9,6 +9,7 @@ from rlcore.core.checks import as_floats, as_integers, check_probability, is_num
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
 from rlcore.core.schedules import Schedule, now
+from rlcore.core.worlds import open_world, tabular_world
 from rlcore.neurons import softmax
 
 
@@ -216,6 +217,15 @@ def linear(name, x, given):
     return x, legal
 
 
+def _linear_world(name, world, given):
+    world = open_world(name, world)
+    observations = getattr(world, "observation_space", None)
+    if observations is not None and not hasattr(observations, "n"):
+        networks = "reinforce_network and actor_critic_network take vectors"
+        raise ValueError(f"{name}: got observations {observations}, must be Discrete; {networks}")
+    return tabular_world(name, world, given)
+
+
 def _step_size(least):
     def rule(name, alpha, given):
         if isinstance(alpha, Schedule):
@@ -229,6 +239,7 @@ def _step_size(least):
 
 
 LINEAR = dict(  # the rules of a policy that is a softmax of theta . x(s), and of a v_hat that is w . x(s)
+    world=_linear_world,
     alpha=_step_size(None),
     alpha_w=_step_size(0),
     features=linear,

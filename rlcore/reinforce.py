@@ -4,7 +4,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import Model, checked, function_of, is_number, show, takes_none
+from rlcore.core.checks import Model, check_positive, checked, function_of, is_number, show, takes_none
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.schedules import at
@@ -40,10 +40,10 @@ def _learned_or_number(name, baseline, given):
     return Baseline(0.0, True) if baseline == "value" else Baseline(baseline, False)
 
 
-def _w0(name, w, given):
-    w = LINEAR["w0"](name, w, given)
+def _w0(name, value, given):
+    w = LINEAR["w0"](name, value, given)
     if w.any() and not given["baseline"].learned:
-        raise ValueError(f'{name}: got {show(w)} with baseline = {given["baseline"].b}, needs baseline "value"')
+        raise ValueError(f'{name}: got {show(value)} with baseline = {given["baseline"].b}, needs baseline "value"')
     return w
 
 
@@ -115,25 +115,32 @@ def sizes(world):
     return world.observation_space.shape[0], int(world.action_space.n)
 
 
-def check_networks():
-    """The rules of net, which maps observations to logits, and critic, which maps them to a value."""
-    return dict(
-        net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
-        critic=lambda name, critic, given: check_network(name, critic, sizes(given["world"])[0], 1),
-    )
+def _critic(name, critic, given):
+    if given.get("baseline", "value") != "value":
+        raise ValueError(f'{name}: got a network with baseline = {given["baseline"]!r}, needs baseline "value"')
+    return check_network(name, critic, sizes(given["world"])[0], 1)
+
+
+NETWORKS = dict(  # the rules of net, which maps observations to logits, and of critic, which maps them to a value
+    world=network_world,
+    alpha=check_positive,
+    alpha_w=check_positive,
+    net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
+    critic=_critic,
+    on_episode=function_of("(return, steps so far)"),
+)
 
 
 def make_networks(world, net, critic, alpha, alpha_w, rng):
     """net and critic; where None, an MLP with 32 tanh neurons and Adam. critic = False: none is wanted."""
     n, A = sizes(world)
-    net = MLP([n, 32, A], optimizer=Adam(alpha.first), rng=rng) if net is None else net
+    net = MLP([n, 32, A], optimizer=Adam(alpha), rng=rng) if net is None else net
     if critic is False:
         return net, None
-    return net, MLP([n, 32, 1], optimizer=Adam(alpha_w.first), rng=rng) if critic is None else critic
+    return net, MLP([n, 32, 1], optimizer=Adam(alpha_w), rng=rng) if critic is None else critic
 
 
-@checked(world=network_world, alpha=LINEAR["alpha"], baseline=_baseline("value", "time", "normalised"),
-         alpha_w=LINEAR["alpha_w"], **check_networks(), on_episode=function_of("(return, steps so far)"))  # fmt: skip
+@checked(**NETWORKS, baseline=_baseline("value", "time", "normalised"))
 def reinforce_network(
     world, gamma, n_episodes, *, alpha=0.01, baseline=None, alpha_w=0.01, net=None, critic=None, discount_states=False,
     max_steps=None, on_episode=None, rng,
@@ -143,11 +150,9 @@ def reinforce_network(
     world: gymnasium.Env with Box observations of shape (n,), or its id. net: maps them to the logits of the actions;
     MLP or TorchNet with an optimizer, where None an MLP with 32 tanh neurons and Adam(alpha). baseline: None; a number;
     "value", the critic's v_hat, as net is, with Adam(alpha_w); "time", the mean of the earlier episodes' G_t; or
-    "normalised", which centres and scales the episode's own returns. Others: as in `reinforce`.
+    "normalised", which centres and scales the episode's own returns. Others: as in `reinforce`; step sizes are numbers.
     on_episode(return, steps_so_far): called after each; True ends the training. Run.policy is net, Run.V critic.
     """
-    if critic is not None and baseline != "value":
-        raise ValueError(f'critic: got a network with baseline = {baseline!r}, needs baseline "value"')
     net, critic = make_networks(world, net, critic if baseline == "value" else False, alpha, alpha_w, rng)
     returns, lengths, earlier = [], [], TimeBaseline()
     world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))

@@ -3,14 +3,17 @@
 import numpy as np
 
 from rlcore.core.checks import (
+    anything,
+    array,
     as_flags,
-    as_floats,
     as_integers,
-    check_count,
-    check_gamma,
-    check_probability,
     check_rate,
+    checked,
     choice,
+    finite,
+    rule_of,
+    show,
+    takes_none,
 )
 from rlcore.core.compiled import compiled, inlined
 from rlcore.core.learner import learner, log, note, prediction
@@ -18,7 +21,7 @@ from rlcore.core.results import WatkinsRun
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at, now
 from rlcore.core.worlds import act, reset
-from rlcore.nstep import visited_values
+from rlcore.nstep import reward_list, values_on_the_way, visited
 from rlcore.policies import control, epsilon_greedy, max_value
 from rlcore.td import td_error
 
@@ -28,6 +31,17 @@ TRACES = ("accumulating", "dutch", "replacing")
 # ---------------------------------------------------------------------- the trace of a state or a pair
 
 
+PRINTED = "dutch as printed"
+
+
+@takes_none
+def _dutch_rate(name, alpha, given):
+    """The rule of a step size that only dutch traces need."""
+    kind = given.get("kind") or given.get("trace")
+    return check_rate(name, alpha) if kind in ("dutch", PRINTED) or alpha is not None else None
+
+
+@checked(e=rule_of(finite), visited=rule_of(as_flags), kind=choice(*TRACES, PRINTED), alpha=_dutch_rate)
 def trace_update(e, visited, gamma_lam, kind, alpha=None):
     """The trace after one step, from the trace e before it. eq-34, eq-35, om-state-traces, om-indicator, fig-26
 
@@ -35,13 +49,9 @@ def trace_update(e, visited, gamma_lam, kind, alpha=None):
     kind: "accumulating", "dutch", "replacing" or "dutch as printed", which shrinks all pairs, not the visited one
     (eq-u-trace-dutch). alpha: step size in (0, 1], for the dutch kinds. Source: Sutton and Barto (2018), section 12.5.
     """
-    e, visited = as_floats("e", e), as_flags("visited", visited)
-    decay = check_probability("gamma_lam", gamma_lam)
-    if kind == "dutch as printed":
-        return (1 - check_rate("alpha", alpha)) * decay * e + visited  # eq-u-trace-dutch
-    choice(*TRACES, "dutch as printed")("kind", kind, None)
-    keep = kept(kind, check_rate("alpha", alpha) if kind == "dutch" else None)
-    return decay * e * np.where(visited, keep, 1.0) + visited  # eq-34, eq-35
+    if kind == PRINTED:
+        return (1 - alpha) * gamma_lam * e + visited  # eq-u-trace-dutch
+    return gamma_lam * e * np.where(visited, kept(kind, alpha), 1.0) + visited  # eq-34, eq-35
 
 
 @inlined
@@ -52,33 +62,37 @@ def kept(trace, alpha):
     return 1.0 if trace == "accumulating" else 0.0
 
 
+def _times(name, visits, given):
+    visits, n = as_integers(name, visits), given["n_steps"]
+    if visits.ndim != 1 or ((visits < 0) | (visits >= n)).any():
+        raise ValueError(f"{name}: got {show(visits)}, must be times in 0..{n - 1}")
+    return visits
+
+
+@checked(visits=anything, kind=choice(*TRACES, PRINTED), alpha=_dutch_rate)
 def trace_course(visits, n_steps, gamma_lam, kind, alpha=None):
     """The trace of one state at times 0 ... n_steps - 1, (n_steps,). fig-26, cl-075
 
     visits: the times at which the state is visited. Others: as in trace_update.
     """
-    n_steps, visits = check_count("n_steps", n_steps), as_integers("visits", visits)
-    if ((visits < 0) | (visits >= n_steps)).any():
-        raise ValueError(f"visits: got {visits}, must be times in 0..{n_steps - 1}")
-    course, e = np.zeros(n_steps), 0.0
+    visits, course, e = _times("visits", visits, {"n_steps": n_steps}), np.zeros(n_steps), 0.0
     for t in range(n_steps):
         course[t] = e = trace_update(e, t in visits, gamma_lam, kind, alpha)
     return course
 
 
+@checked(states=visited, rewards=reward_list, V=array("S"), alpha=check_rate, trace=choice(*TRACES))
 def backward_increments(states, rewards, V, gamma, lam, alpha, trace="accumulating"):
     """alpha delta_t E_t(s) of an episode, V held fixed: (T, S), row t at time t. eq-36, eq-37, fig-27, cl-073
 
     states, rewards, V: as in forward_increments. With accumulating traces the sums over t are equal.
     """
-    states, rewards, values, V = visited_values(states, rewards, V)
-    gamma_lam = check_gamma(gamma) * check_probability("lam", lam)
-    choice(*TRACES)("trace", trace, None)
-    delta = rewards + gamma * values[1:] - values[:-1]  # eq-36
+    values = values_on_the_way(states, rewards, V)
+    delta = td_error(rewards, values[:-1], values[1:], gamma)  # eq-36
     E, e = np.zeros((rewards.size, V.size)), np.zeros(V.size)
     for t, s in enumerate(states[: rewards.size]):
-        E[t] = e = trace_update(e, np.arange(V.size) == s, gamma_lam, trace, alpha)
-    return check_rate("alpha", alpha) * delta[:, None] * E  # eq-37
+        E[t] = e = trace_update(e, np.arange(V.size) == s, gamma * lam, trace, alpha)
+    return alpha * delta[:, None] * E  # eq-37
 
 
 # ---------------------------------------------------------------------- prediction

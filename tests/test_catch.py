@@ -12,7 +12,7 @@ from rlcore.envs import CATCH_COLS, CATCH_ROWS, Catch, catch, catch_pixels
 from rlcore.mdp import rollout, uniform_policy
 from rlcore.nn import MLP
 from rlcore.optimizers import Adam
-from rlcore.reinforce import reinforce
+from rlcore.reinforce import reinforce_network
 
 
 def place(s):
@@ -83,7 +83,7 @@ def test_the_environment_plays_the_process(n_actions):
 
 def test_a_network_learns_it_from_pixels():
     net = MLP([50, 32, 3], optimizer=Adam(0.01), rng=np.random.default_rng(0))
-    run = reinforce(Catch(), n_episodes=600, gamma=1.0, net=net, rng=np.random.default_rng(0))
+    run = reinforce_network(Catch(), 1.0, 600, net=net, rng=np.random.default_rng(0))
     assert run.returns[:100].mean() < 0 < 0.5 < run.returns[-100:].mean()
 
 

@@ -96,7 +96,7 @@ def run(method, **settings):
     mdp, theta, w = tree()
     if settings.pop("critic", method is actor_critic):
         settings["w0"] = w
-    done = method(mdp, n_episodes=1, gamma=GAMMA, alpha=ALPHA, theta0=theta, rng=rng(5), **settings)
+    done = method(mdp, GAMMA, 1, alpha=ALPHA, theta0=theta, record=1, rng=rng(5), **settings)
     paths = itertools.product((0, 1), repeat=T + 1)
     return done, next(actions for actions in paths if np.isclose(walk(actions)[1].sum(), done.returns[0]))
 

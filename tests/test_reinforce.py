@@ -12,9 +12,10 @@ import pytest
 from gymnasium.wrappers import TimeLimit
 from worlds import awkward, chain, loop
 
-from rlcore.actor_critic import actor_critic
+from rlcore.actor_critic import actor_critic, actor_critic_network
 from rlcore.bellman import solve_policy
 from rlcore.core.compiled import HAVE_NUMBA
+from rlcore.core.schedules import decaying
 from rlcore.distributions import Categorical
 from rlcore.envs import MDPEnv, random_mdp, random_walk, recycling_robot, short_corridor
 from rlcore.mdp import FiniteMDP, discounted_returns
@@ -30,7 +31,7 @@ from rlcore.policy_gradient import (
     objective,
     policy_gradient_exact,
 )
-from rlcore.reinforce import reinforce
+from rlcore.reinforce import reinforce, reinforce_network
 from rlcore.studies.ch03 import reinforce_linear
 from rlcore.studies.ch07 import bluff_gradients, bluff_guarantee, bluff_learning, bluff_values
 from rlcore.td import td0
@@ -243,7 +244,7 @@ def test_an_episode_moves_theta_and_w_as_the_box_says(baseline, every_step, disc
     settings = dict(features=X, theta0=THETA, w0=W if value else 0.0, every_step=every_step, baseline=baseline)
     run = reinforce(
         telltale(), n_episodes=1, gamma=gamma, alpha=alpha, alpha_w=alpha_w, discount_states=discount_states,
-        rng=rng(3), **settings,
+        record=1, rng=rng(3), **settings,
     )  # fmt: skip
     actions, rewards = taken(run.returns[0])
     G = [sum(gamma ** (k - t) * rewards[k] for k in range(t, N)) for t in range(N)]
@@ -275,7 +276,7 @@ def test_actor_critic_moves_at_every_step(cut, discount_states):
     gamma, alpha, alpha_w = 0.8, 0.03, 0.05
     run = actor_critic(
         telltale(), n_episodes=1, gamma=gamma, alpha=alpha, alpha_w=alpha_w, discount_states=discount_states,
-        features=X, theta0=THETA, w0=W, max_steps=cut, rng=rng(3),
+        features=X, theta0=THETA, w0=W, max_steps=cut, record=1, rng=rng(3),
     )  # fmt: skip
     n = cut or N
     rewards_of = [2.0**s for s in range(n)]
@@ -394,7 +395,7 @@ def test_long_episodes_move_theta_as_short_ones_do():
     """The corridor again: storage grows twice, and the second episode starts with what the first one left in it."""
     world = Logged(MDPEnv(short_corridor()))
     settings = dict(gamma=0.97, alpha=1e-3, features=ALIKE, theta0=START, discount_states=True, baseline=-3.0)
-    run = reinforce(world, n_episodes=8, rng=rng(1), **settings)
+    run = reinforce(world, n_episodes=8, record=1, rng=rng(1), **settings)
     assert run.lengths.max() > 128 and run.lengths.min() < 64
     for before, after, episode in zip(run.history, run.history[1:], (e for e in world.episodes if e[1])):
         g = episode_gradient(before, *episode, 0.97, features=ALIKE, discount_states=True, baseline=-3.0)
@@ -412,7 +413,7 @@ def test_an_episode_that_just_fills_the_storage(steps):
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
 def test_the_policy_of_the_run_keeps_to_what_is_legal(learn):
     mdp = awkward(2, start=0)
-    policy = learn(mdp, n_episodes=3, max_steps=20, rng=rng()).policy
+    policy = learn(mdp, 0.99, 3, max_steps=20, rng=rng()).policy
     assert (policy[~mdp.legal] == 0).all() and not mdp.legal.all()
     np.testing.assert_allclose(policy.sum(axis=1), 1)
 
@@ -490,7 +491,7 @@ def test_actor_critic_follows_its_frozen_critic():
     """Mean change of an episode with a tiny step: the exact direction for these values. 20,000 episodes, 4 errors."""
     mdp, theta, gamma, w = two_step(), np.array([[0.3, -0.2, 0], [0, 0.4, 0]]), 0.6, np.array([10.0, -2.0, 0.0])
     settings = dict(gamma=gamma, alpha=1e-9, alpha_w=0.0, theta0=theta, w0=w, discount_states=True)
-    moves = np.diff(actor_critic(mdp, n_episodes=20_000, rng=rng(9), **settings).history, axis=0) / 1e-9
+    moves = np.diff(actor_critic(mdp, n_episodes=20_000, record=1, rng=rng(9), **settings).history, axis=0) / 1e-9
     assert z(moves, policy_gradient_exact(mdp, theta, gamma, V=w)) < 4
     assert z(moves, policy_gradient_exact(mdp, theta, gamma)) > 20
 
@@ -509,9 +510,7 @@ def corridor(last):
 @cache
 def corridor_returns(alpha, alpha_w, p_min, every_step, last):
     mdp = corridor(last)
-    settings = dict(
-        gamma=1.0, n_episodes=1000, alpha=alpha, features=ALIKE, theta0=START, every_step=every_step, record=0
-    )
+    settings = dict(gamma=1.0, n_episodes=1000, alpha=alpha, features=ALIKE, theta0=START, every_step=every_step)
     if alpha_w:
         settings |= dict(alpha_w=alpha_w, baseline="value")
     rngs = np.random.default_rng(2018).spawn(100)
@@ -542,7 +541,7 @@ def test_published_corridor_numbers(name):
 @many_runs
 def test_the_floor_saves_the_large_step_and_without_baseline_2_to_the_minus_9_fails():
     """fig-53, fig-55: p in [0.001, 0.999], episodes cut at 1,000 steps, 30 runs; 462 of 500 runs stuck there."""
-    settings = dict(gamma=1.0, n_episodes=1000, features=ALIKE, theta0=START, every_step=True, p_min=0.001, record=0)
+    settings = dict(gamma=1.0, n_episodes=1000, features=ALIKE, theta0=START, every_step=True, p_min=0.001)
 
     def make(**more):
         runs = [reinforce(short_corridor(), max_steps=1000, rng=g, **settings, **more) for g in rng(1).spawn(30)]
@@ -560,14 +559,88 @@ def test_the_floor_saves_the_large_step_and_without_baseline_2_to_the_minus_9_fa
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
 def test_same_rng_same_run_and_the_environment_gives_the_same_bits(learn):
     mdp = awkward(2, start=0)
-    settings = dict(n_episodes=30, gamma=0.9, alpha=0.05, alpha_w=0.1, p_min=0.02, max_steps=40)
+    settings = dict(n_episodes=30, gamma=0.9, alpha=0.05, alpha_w=0.1, p_min=0.02, max_steps=40, record=1)
     if learn is reinforce:
         settings["baseline"] = "value"
     one, two, env = (learn(world, rng=rng(3), **settings) for world in (mdp, mdp, MDPEnv(mdp)))
     for other in (two, env):
-        for name in ("returns", "lengths", "V", "policy", "history"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+        same_bits(one, other)
     assert (one.lengths > 1).any() and one.history.shape == (31, 3, 7)
+
+
+def same_bits(one, other, names=("returns", "lengths", "V", "policy", "history", "weights")):
+    for name in names:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_the_environment_gives_the_same_bits_in_long_episodes_too(learn):
+    settings = dict(alpha=decaying(1e-3), features=ALIKE, theta0=START, discount_states=True, record=2)
+    if learn is reinforce:
+        settings |= dict(every_step=True, baseline=-3.0)
+    one, env = (learn(w, 0.97, 8, rng=rng(1), **settings) for w in (short_corridor(), MDPEnv(short_corridor())))
+    same_bits(one, env)
+    assert one.lengths.max() > 128
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_weights_are_theta(learn):
+    mdp, x = awkward(2, start=0), rng(1).normal(size=(7, 2))
+    run = learn(mdp, 0.9, 20, alpha=0.05, features=x, p_min=0.02, max_steps=40, record=1, rng=rng(3))
+    np.testing.assert_array_equal(run.weights, run.history[-1])
+    np.testing.assert_array_equal(run.policy, softmax_policy(run.weights, x, mdp.legal, p_min=0.02))
+    assert run.weights.shape == (3, 2) and (run.weights != 0).all()
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_gamma_must_be_said(learn):
+    with pytest.raises(TypeError, match="missing a required argument: 'gamma'"):
+        learn(two_step(), n_episodes=1, rng=rng())
+
+
+# ---------------------------------------------------------------------- step sizes that fall
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_a_step_size_that_does_not_fall_is_a_number(learn):
+    settings = dict(p_min=0.02, max_steps=40, record=1) | (dict(baseline="value") if learn is reinforce else {})
+    sizes = [(0.05, 0.1), (decaying(0.05, rate=0.0), decaying(0.1, rate=0.0))]
+    one, two = (learn(awkward(2, start=0), 0.9, 30, alpha=a, alpha_w=b, rng=rng(3), **settings) for a, b in sizes)
+    same_bits(one, two)
+    falls = learn(awkward(2, start=0), 0.9, 30, alpha=decaying(0.05), alpha_w=0.1, rng=rng(3), **settings)
+    np.testing.assert_array_equal(falls.history[1], one.history[1])
+    assert (falls.weights != one.weights).any()
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_a_step_size_falls_with_the_episodes(learn):
+    """One step an episode, so that both do the same: G_t = delta_t = r - w, the k-th times 0.5 / (1 + 2 k)^0.7."""
+    bandit = FiniteMDP.from_outcomes({(0, a): [(1.0, 1, a - 0.3)] for a in (0, 1)}, start=0)
+    size = [max(0.12, 0.5 / (1 + 2 * k) ** 0.7) for k in range(12)]
+    settings = dict(alpha=decaying(0.5, rate=2.0, power=0.7, floor=0.12), alpha_w=decaying(1.0), record=1)
+    settings |= dict(baseline="value") if learn is reinforce else {}
+    run = learn(bandit, 0.9, 12, rng=rng(2), **settings)
+    rewards, w = run.returns, 0.0
+    for k, (before, after) in enumerate(zip(run.history, run.history[1:])):
+        a = int(rewards[k] > 0)
+        score = grad_log_softmax(before, [1.0, 0.0], a)
+        np.testing.assert_allclose(after, before + size[k] * (rewards[k] - w) * score, atol=1e-15)
+        w += (rewards[k] - w) / (k + 1)
+    assert run.V[0] == pytest.approx(rewards.mean(), abs=1e-15)  # 1 / N: the sample average
+    assert size[-1] == 0.12 < size[3] and 0 < (rewards > 0).sum() < 12
+
+
+@pytest.mark.parametrize("every_step", [False, True])
+def test_an_episode_has_one_step_size(every_step):
+    world, sizes = Logged(MDPEnv(short_corridor())), 1e-3 / (1 + np.arange(8))
+    settings = dict(features=ALIKE, theta0=START, baseline=-3.0, every_step=every_step, record=1)
+    run = reinforce(world, 0.97, 8, alpha=decaying(1e-3), rng=rng(1), **settings)
+    for k, episode in enumerate(e for e in world.episodes if e[1]):
+        (_, actions, rewards), theta = episode, run.history[k].copy()
+        G, before = discounted_returns(np.array(rewards), 0.97), theta.copy()
+        for t, a in enumerate(actions):
+            theta += sizes[k] * (G[t] + 3.0) * grad_log_softmax(theta if every_step else before, [1.0], a)
+        np.testing.assert_allclose(run.history[k + 1], theta, rtol=1e-12)
 
 
 def test_estimates_of_a_process_and_of_its_environment_have_the_same_bits():
@@ -584,39 +657,71 @@ def test_no_limit_is_needed_where_every_episode_ends():
     g = [gradient_estimates(two_step(), theta, 0.9, 20, max_steps=limit, rng=rng(1)) for limit in (None, 1000)]
     np.testing.assert_array_equal(*g)
     for learn in (reinforce, actor_critic):
-        runs = [learn(two_step(), n_episodes=20, max_steps=limit, rng=rng(1)) for limit in (None, 1000)]
+        runs = [learn(two_step(), 0.99, 20, max_steps=limit, record=1, rng=rng(1)) for limit in (None, 1000)]
         np.testing.assert_array_equal(runs[0].history, runs[1].history)
 
 
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
 def test_a_critic_without_step_size_stays_where_it_was(learn):
     settings = dict(baseline="value") if learn is reinforce else {}
-    run = learn(two_step(), n_episodes=5, alpha_w=0.0, w0=[1.0, 2.0, 3.0], p_min=0.4, rng=rng(), **settings)
+    run = learn(two_step(), 0.99, 5, alpha_w=0.0, w0=[1.0, 2.0, 3.0], p_min=0.4, rng=rng(), **settings)
     assert run.V.tolist() == [1.0, 2.0, 0.0]
 
 
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
 def test_the_policy_of_the_run_has_the_floor(learn):
-    run = learn(two_step(), n_episodes=5, theta0=[[9.0, 9, 0], [0, 0, 0]], p_min=0.2, rng=rng())
+    run = learn(two_step(), 0.99, 5, theta0=[[9.0, 9, 0], [0, 0, 0]], p_min=0.2, rng=rng())
     np.testing.assert_allclose(run.policy[:2], [[0.8, 0.2]] * 2, atol=1e-12)
 
 
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
 def test_record_thins_the_history(learn):
-    full, thin, none = (learn(two_step(), n_episodes=10, alpha=0.1, record=k, rng=rng(1)) for k in (1, 3, 0))
+    full, thin, none = (learn(two_step(), 0.99, 10, alpha=0.1, record=k, rng=rng(1)) for k in (1, 3, 0))
     np.testing.assert_array_equal(thin.history, full.history[[0, 3, 6, 9]])
-    assert none.history is None and (none.policy == full.policy).all()
+    assert none.history is None
+    for run in (thin, none):
+        same_bits(run, full, ("returns", "lengths", "V", "policy", "weights"))
 
 
 def test_the_arguments_are_left_alone():
     theta, w = np.zeros((2, 3)), np.zeros(3)
-    reinforce(two_step(), n_episodes=5, baseline="value", theta0=theta, w0=w, rng=rng())
+    reinforce(two_step(), 0.99, 5, baseline="value", theta0=theta, w0=w, rng=rng())
     assert not theta.any() and not w.any()
 
 
-def test_reinforce_learns_frozen_lake_by_its_id():
-    run = reinforce("FrozenLake-v1", n_episodes=5, alpha=0.1, rng=rng())
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+def test_frozen_lake_by_its_id(learn):
+    run, other = (learn(w, 0.99, 5, alpha=0.1, rng=rng()) for w in ("FrozenLake-v1", gym.make("FrozenLake-v1")))
     assert run.policy.shape == (16, 4) and run.lengths.min() > 0
+    same_bits(run, other)
+
+
+@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+@pytest.mark.parametrize("world", ["CartPole-v1", gym.make("CartPole-v1"), "Pendulum-v1", "Blackjack-v1"])
+def test_a_world_that_has_no_numbered_states_is_told_where_to_go(learn, world):
+    message = r"world: got observations (Box|Tuple)\(.*, must be Discrete; reinforce_network and actor_critic_network"
+    with pytest.raises(ValueError, match=message):
+        learn(world, 0.99, 1, rng=rng())
+
+
+@pytest.mark.parametrize("learn", [reinforce_network, actor_critic_network])
+def test_networks_need_vectors(learn):
+    for world, name in (
+        (short_corridor(), "FiniteMDP, must be a gymnasium.Env or its id"),
+        (MDPEnv(short_corridor()), "observations Discrete(4), must be a Box of shape (n,)"),
+        ("FrozenLake-v1", "observations Discrete(16), must be a Box of shape (n,)"),
+        ("Blackjack-v1", "observations Tuple(Discrete(32), Discrete(11), Discrete(2)), must be a Box of shape (n,)"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(f"world: got {name}")):
+            learn(world, 0.99, 1, rng=rng())
+
+
+@pytest.mark.parametrize("learn", [reinforce_network, actor_critic_network])
+def test_cartpole_by_its_id(learn):
+    run, other = (learn(w, 0.99, 3, rng=rng(3)) for w in ("CartPole-v1", gym.make("CartPole-v1")))
+    np.testing.assert_array_equal(run.policy.theta, other.policy.theta)
+    np.testing.assert_array_equal(run.returns, other.returns)
+    assert run.weights is None and run.history is None
 
 
 def test_chapter_3_keeps_its_numbers():
@@ -710,7 +815,7 @@ def test_a_network_moves_along_autograds_gradient(baseline, truncates, discount_
     env, gamma = Recorder(truncates=truncates), 0.7
     value = baseline == "value"
     settings = dict(baseline=baseline, discount_states=discount_states, net=net, critic=critic if value else None)
-    run = reinforce(env, n_episodes=1, gamma=gamma, rng=rng(1), **settings)
+    run = reinforce_network(env, n_episodes=1, gamma=gamma, rng=rng(1), **settings)
     x, a, r = (np.array(part) for part in zip(*env.log[-1]))
     assert run.lengths[0] == 5 and run.returns[0] == r.sum() and run.policy is net
     last = critic_before.forward(np.array([[1.0, np.sin(5)]], np.float32))[0, 0] if truncates and value else 0.0
@@ -737,7 +842,7 @@ def test_actor_critic_with_networks_by_hand(discount_states, truncates):
     actor, values = net.copy(), critic.copy()
     actor.optimizer, values.optimizer = SGD(0.1), SGD(0.1)
     env, gamma = Recorder(truncates=truncates), 0.7
-    run = actor_critic(
+    run = actor_critic_network(
         env, n_episodes=2, gamma=gamma, net=net, critic=critic, discount_states=discount_states, rng=rng(1)
     )
     for episode in env.log[-2:]:
@@ -753,12 +858,12 @@ def test_actor_critic_with_networks_by_hand(discount_states, truncates):
     np.testing.assert_array_equal(run.returns, [sum(r for *_, r in episode) for episode in env.log[-2:]])
 
 
-@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+@pytest.mark.parametrize("learn", [reinforce_network, actor_critic_network])
 def test_mlp_and_its_twin_in_torch_learn_the_same(learn):
     pytest.importorskip("torch")
     ours, ours_critic = (MLP([2, 8, n], optimizer=Adam(0.01), dtype=np.float64, rng=rng(n)) for n in (3, 1))
     theirs, theirs_critic = TorchNet.like(ours), TorchNet.like(ours_critic)
-    settings = dict(n_episodes=100, gamma=0.9) | (dict(baseline="value") if learn is reinforce else {})
+    settings = dict(n_episodes=100, gamma=0.9) | (dict(baseline="value") if learn is reinforce_network else {})
     one = learn(Recorder(), net=ours, critic=ours_critic, rng=rng(5), **settings)
     two = learn(Recorder(), net=theirs, critic=theirs_critic, rng=rng(5), **settings)
     np.testing.assert_array_equal(one.returns, two.returns)
@@ -769,7 +874,7 @@ def test_mlp_and_its_twin_in_torch_learn_the_same(learn):
 
 def test_actions_of_a_network_are_the_argmax_of_logits_and_noise():
     world, net = Recorder(), MLP([2, 3], output="linear", init="zeros", optimizer=SGD(1e-12), rng=None)
-    run = reinforce(world, n_episodes=7, net=net, rng=rng(5))
+    run = reinforce_network(world, 0.99, 7, net=net, rng=rng(5))
     actions = [a for episode in world.log for _, a, _ in episode]
     np.testing.assert_array_equal(actions, rng(5).gumbel(size=(4096, 3)).argmax(axis=1)[:35])
     assert isinstance(run.lengths, np.ndarray) and run.returns.dtype == float
@@ -780,7 +885,7 @@ def test_baseline_of_time_is_taken_off():
     after = []
     for n in (1, 2):
         world, net = Recorder(), MLP([2, 6, 3], optimizer=SGD(0.1), dtype=np.float64, rng=rng(1))
-        reinforce(world, n_episodes=n, gamma=0.9, baseline="time", net=net, rng=rng(5))
+        reinforce_network(world, n_episodes=n, gamma=0.9, baseline="time", net=net, rng=rng(5))
         after.append(net)
     states, actions, rewards = (np.array(x) for x in zip(*world.log[-1]))
     first, second = (discounted_returns(np.array([r for _, _, r in log]), 0.9) for log in world.log[-2:])
@@ -790,7 +895,7 @@ def test_baseline_of_time_is_taken_off():
     assert abs(first).max() > 0.5 and rewards.size == 5
 
 
-@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+@pytest.mark.parametrize("learn", [reinforce_network, actor_critic_network])
 def test_the_world_gets_a_seed_of_its_own(learn):
     seeds = []
 
@@ -799,17 +904,25 @@ def test_the_world_gets_a_seed_of_its_own(learn):
             seeds.append(seed)
             return super().reset(seed=seed)
 
-    learn(Seeded(), n_episodes=2, rng=rng(5))
+    learn(Seeded(), 0.99, 2, rng=rng(5))
     assert seeds == [int(rng(5).spawn(1)[0].integers(2**31)), None, None]
 
 
-@pytest.mark.parametrize("learn", [reinforce, actor_critic])
-def test_zeros_for_what_a_world_has_not_change_nothing(learn):
-    one, two = (learn(Recorder(), n_episodes=2, rng=rng(), **more) for more in ({}, dict(theta0=[0.0, 0.0], w0=[0, 0])))
-    np.testing.assert_array_equal(one.policy.theta, two.policy.theta)
+@pytest.mark.parametrize("learn", [reinforce_network, actor_critic_network])
+@pytest.mark.parametrize("name", ["features", "theta0", "w0", "p_min", "every_step", "record"])
+def test_what_only_a_linear_policy_has_is_no_argument(learn, name):
+    with pytest.raises(TypeError, match=f"unexpected keyword argument '{name}'"):
+        learn(Recorder(), 0.99, 1, rng=rng(), **{name: 0.0})
 
 
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
+@pytest.mark.parametrize("name", ["net", "critic", "on_episode"])
+def test_what_only_a_network_has_is_no_argument(learn, name):
+    with pytest.raises(TypeError, match=f"unexpected keyword argument '{name}'"):
+        learn(two_step(), 0.99, 1, rng=rng(), **{name: None})
+
+
+@pytest.mark.parametrize("learn", [reinforce_network, actor_critic_network])
 @pytest.mark.parametrize("limit, length", [(None, 5), (3, 3), (9, 5)])
 def test_lengths_count_the_steps_and_whole_rewards_are_numbers_like_others(learn, limit, length):
     class Whole(Recorder):
@@ -817,7 +930,7 @@ def test_lengths_count_the_steps_and_whole_rewards_are_numbers_like_others(learn
             s, r, *rest = super().step(a)
             return s, int(r), *rest
 
-    run = learn(Whole(), n_episodes=3, max_steps=limit, rng=rng())
+    run = learn(Whole(), 0.99, 3, max_steps=limit, rng=rng())
     assert run.lengths.tolist() == [length] * 3 and run.returns.dtype == float
 
 
@@ -837,13 +950,14 @@ def test_actions_follow_the_softmax_of_the_network():
     """20,000 steps at one observation: counts within 4 standard errors (0.0035 each)."""
     net = MLP([2, 4, 3], dtype=np.float64, optimizer=SGD(1e-12), rng=rng(1))
     env = Recorder(length=1)
-    reinforce(env, n_episodes=20_000, net=net, rng=rng(2))
+    reinforce_network(env, 0.99, 20_000, net=net, rng=rng(2))
     counts = np.bincount([episode[0][1] for episode in env.log if episode], minlength=3) / 20_000
     np.testing.assert_allclose(counts, softmax(net.forward(np.zeros(2))), atol=0.014)
 
 
 def test_same_rng_same_network_and_max_steps_cuts():
-    runs = [reinforce("CartPole-v1", n_episodes=8, baseline="value", max_steps=20, rng=rng(3)) for _ in range(2)]
+    settings = dict(baseline="value", max_steps=20)
+    runs = [reinforce_network("CartPole-v1", 0.99, 8, rng=rng(3), **settings) for _ in range(2)]
     np.testing.assert_array_equal(runs[0].returns, runs[1].returns)
     np.testing.assert_array_equal(runs[0].policy.theta, runs[1].policy.theta)
     np.testing.assert_array_equal(runs[0].V.theta, runs[1].V.theta)
@@ -852,15 +966,19 @@ def test_same_rng_same_network_and_max_steps_cuts():
 
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
 def test_what_is_not_said_is_the_default(learn):
-    said = dict(gamma=0.99, alpha=0.01, alpha_w=0.01, discount_states=False)
-    kept = dict(baseline=None) if learn is reinforce else {}
-    linear = dict(features=None, theta0=0.0, w0=0.0, p_min=0.0, record=1)
-    linear |= dict(every_step=False) if learn is reinforce else {}
-    one, two = (learn(two_step(), n_episodes=30, rng=rng(2), **more) for more in ({}, said | kept | linear))
+    said = dict(alpha=0.01, alpha_w=0.01, discount_states=False, features=None, theta0=0.0, w0=0.0, p_min=0.0)
+    said |= dict(max_steps=None) | (dict(every_step=False, baseline=None) if learn is reinforce else {})
+    one, two = (learn(two_step(), 0.99, 30, record=1, rng=rng(2), **more) for more in ({}, said))
     np.testing.assert_array_equal(one.history, two.history)
-    for baseline in [dict(baseline="value"), kept] if learn is reinforce else [kept]:
-        one, two = (learn("CartPole-v1", n_episodes=4, rng=rng(2), **baseline, **more) for more in ({}, said))
-        untrained, has_critic = MLP([4, 32, 2], rng=rng(2)), learn is actor_critic or baseline["baseline"] == "value"
+    assert learn(two_step(), 0.99, 30, rng=rng(2)).history is None
+
+
+@pytest.mark.parametrize("learn", [reinforce_network, actor_critic_network])
+def test_what_is_not_said_of_networks_is_the_default(learn):
+    said, critic = dict(alpha=0.01, alpha_w=0.01, discount_states=False, max_steps=None), learn is actor_critic_network
+    for baseline in [{}] if critic else [dict(baseline="value"), dict(baseline=None), {}]:
+        one, two = (learn("CartPole-v1", 0.99, 4, rng=rng(2), **baseline, **more) for more in ({}, said))
+        untrained, has_critic = MLP([4, 32, 2], rng=rng(2)), critic or baseline.get("baseline") == "value"
         assert one.policy.sizes == [4, 32, 2] and (one.V is not None) == has_critic
         for run in (one, two):
             assert type(run.policy.optimizer) is Adam and run.policy.optimizer.lr == 0.01
@@ -871,18 +989,19 @@ def test_what_is_not_said_is_the_default(learn):
             assert one.V.sizes == [4, 32, 1] and one.V.optimizer.lr == 0.01
 
 
-@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+@pytest.mark.parametrize("learn", [reinforce_network, actor_critic_network])
 def test_step_sizes_go_to_their_networks(learn):
-    settings = dict(baseline="value") if learn is reinforce else {}
-    run = learn("CartPole-v1", n_episodes=2, alpha=0.02, alpha_w=0.03, rng=rng(), **settings)
+    settings = dict(baseline="value") if learn is reinforce_network else {}
+    run = learn("CartPole-v1", 0.99, 2, alpha=0.02, alpha_w=0.03, rng=rng(), **settings)
     assert isinstance(run.lengths, np.ndarray) and run.returns.dtype == float
     assert (run.policy.optimizer.lr, run.V.optimizer.lr) == (0.02, 0.03)
 
 
-@pytest.mark.parametrize("learn", [reinforce, actor_critic])
+@pytest.mark.parametrize("learn", [reinforce_network, actor_critic_network])
 def test_on_episode_hears_of_each_and_may_stop(learn):
     heard = []
-    run = learn("CartPole-v1", n_episodes=50, rng=rng(), on_episode=lambda *news: heard.append(news) or len(heard) == 7)
+    on_episode = lambda *news: heard.append(news) or len(heard) == 7  # noqa: E731
+    run = learn("CartPole-v1", 0.99, 50, on_episode=on_episode, rng=rng())
     assert run.returns.size == 7
     np.testing.assert_array_equal(heard, np.column_stack([run.returns, np.cumsum(run.lengths)]))
 
@@ -896,7 +1015,7 @@ def test_cartpole_is_solved():
         seen.append(G)
         return np.mean(seen[-100:]) >= 475 and len(seen) >= 100
 
-    reinforce("CartPole-v1", n_episodes=600, baseline="value", on_episode=solved, rng=rng(4))
+    reinforce_network("CartPole-v1", 0.99, 600, baseline="value", on_episode=solved, rng=rng(4))
     assert np.mean(seen[-100:]) >= 475
 
 
@@ -957,44 +1076,87 @@ def net(*sizes, **more):
 @pytest.mark.parametrize(
     "call, name",
     [
-        (lambda: reinforce(C, n_episodes=1, alpha=-0.1, rng=rng()), "alpha: got -0.1"),
-        (lambda: reinforce(C, n_episodes=1, alpha=np.nan, rng=rng()), "alpha: got nan"),
-        (lambda: reinforce(C, n_episodes=1, alpha_w=-1, rng=rng()), "alpha_w: got -1"),
-        (lambda: reinforce(C, n_episodes=0, rng=rng()), "n_episodes"),
+        (lambda: reinforce(C, 0.99, 1, alpha=-0.1, rng=rng()), "alpha: got -0.1"),
+        (lambda: reinforce(C, 0.99, 1, alpha=np.nan, rng=rng()), "alpha: got nan"),
+        (lambda: reinforce(C, 0.99, 1, alpha_w=-1, rng=rng()), "alpha_w: got -1"),
+        (lambda: reinforce(C, 0.99, 0, rng=rng()), "n_episodes"),
         (lambda: reinforce(C, n_episodes=1, gamma=1.1, rng=rng()), "gamma: got 1.1"),
-        (lambda: reinforce(C, n_episodes=1, baseline="v", rng=rng()), "baseline: got 'v'"),
-        (lambda: reinforce(C, n_episodes=1, baseline="time", rng=rng()), "baseline: got 'time'"),
-        (lambda: reinforce(C, n_episodes=1, baseline=np.nan, rng=rng()), "baseline: got nan"),
-        (lambda: reinforce(C, n_episodes=1, w0=1.0, rng=rng()), "w0: got 1.0"),
-        (lambda: reinforce(C, n_episodes=1, rng=0), "rng: got 0"),
-        (lambda: reinforce(C, n_episodes=1, p_min=0.5, rng=rng()), "p_min: got 0.5"),
-        (lambda: reinforce(C, n_episodes=1, p_min=-0.1, rng=rng()), "p_min: got -0.1"),
-        (lambda: reinforce(C, n_episodes=1, features=np.ones((3, 1)), rng=rng()), "features: got shape"),
-        (lambda: reinforce(C, n_episodes=1, features=np.full((4, 1), np.nan), rng=rng()), "features: contains"),
-        (lambda: reinforce(C, n_episodes=1, theta0=np.zeros((1, 2)), rng=rng()), "theta0: got shape"),
-        (lambda: reinforce(C, n_episodes=1, max_steps=0, rng=rng()), "max_steps: got 0"),
-        (lambda: reinforce(C, n_episodes=1, record=-1, rng=rng()), "record: got -1"),
-        (lambda: reinforce(C, n_episodes=1, net=net(4, 2), rng=rng()), "net: got"),
-        (lambda: reinforce(C, n_episodes=1, on_episode=print, rng=rng()), "on_episode: got"),
-        (lambda: actor_critic(C, n_episodes=1, on_episode=print, rng=rng()), "on_episode: got"),
-        (lambda: actor_critic(C, n_episodes=1, critic=net(4, 1), rng=rng()), "critic: got"),
-        (lambda: actor_critic(C, n_episodes=1, net=net(4, 2), rng=rng()), "net: got"),
+        (lambda: reinforce(C, 0.99, 1, baseline="v", rng=rng()), "baseline: got 'v'"),
+        (lambda: reinforce(C, 0.99, 1, baseline="time", rng=rng()), "baseline: got 'time'"),
+        (lambda: reinforce(C, 0.99, 1, baseline=np.nan, rng=rng()), "baseline: got nan"),
+        (lambda: reinforce(C, 0.99, 1, w0=1.0, rng=rng()), "w0: got 1.0"),
+        (lambda: reinforce(C, 0.99, 1, rng=0), "rng: got 0"),
+        (lambda: reinforce(C, 0.99, 1, p_min=0.5, rng=rng()), "p_min: got 0.5"),
+        (lambda: reinforce(C, 0.99, 1, p_min=-0.1, rng=rng()), "p_min: got -0.1"),
+        (lambda: reinforce(C, 0.99, 1, features=np.ones((3, 1)), rng=rng()), "features: got shape"),
+        (lambda: reinforce(C, 0.99, 1, features=np.full((4, 1), np.nan), rng=rng()), "features: contains"),
+        (lambda: reinforce(C, 0.99, 1, theta0=np.zeros((1, 2)), rng=rng()), "theta0: got shape"),
+        (lambda: reinforce(C, 0.99, 1, max_steps=0, rng=rng()), "max_steps: got 0"),
+        (lambda: reinforce(C, 0.99, 1, record=-1, rng=rng()), "record: got -1"),
         (lambda: actor_critic(C, n_episodes=1, gamma=1.5, rng=rng()), "gamma: got 1.5"),
-        (lambda: actor_critic(C, n_episodes=0.5, rng=rng()), "n_episodes: got 0.5"),
-        (lambda: actor_critic(C, n_episodes=1, rng=3), "rng: got 3"),
-        (lambda: actor_critic(C, n_episodes=1, alpha_w=-1.0, rng=rng()), "alpha_w: got -1.0"),
-        (lambda: reinforce(C, n_episodes=1, alpha_w=-1.0, rng=rng()), "alpha_w: got -1.0"),
-        (lambda: reinforce(C, n_episodes=1, p_min=0.5, rng=rng()), "p_min: got 0.5"),
-        (lambda: reinforce(C, n_episodes=1, w0=[0.0, 0.0, 1.0, 0.0], rng=rng()), "w0: got"),
+        (lambda: actor_critic(C, 0.99, 0.5, rng=rng()), "n_episodes: got 0.5"),
+        (lambda: actor_critic(C, 0.99, 1, rng=3), "rng: got 3"),
+        (lambda: actor_critic(C, 0.99, 1, alpha_w=-1.0, rng=rng()), "alpha_w: got -1.0"),
+        (lambda: reinforce(C, 0.99, 1, alpha_w=-1.0, rng=rng()), "alpha_w: got -1.0"),
+        (lambda: reinforce(C, 0.99, 1, p_min=0.5, rng=rng()), "p_min: got 0.5"),
+        (lambda: reinforce(C, 0.99, 1, w0=[0.0, 0.0, 1.0, 0.0], rng=rng()), "w0: got"),
         *(
             (
-                lambda learn=learn, more=more: learn("CartPole-v1", n_episodes=1, rng=rng(), **more),
+                lambda learn=learn, more=more: learn(
+                    "CartPole-v1", **(dict(gamma=0.9, n_episodes=1, rng=rng()) | more)
+                ),
+                f"{next(iter(more))}: got",
+            )
+            for learn in (reinforce_network, actor_critic_network)
+            for more in (
+                dict(gamma=1.1),
+                dict(n_episodes=0),
+                dict(n_episodes=0.5),
+                dict(rng=0),
+                dict(max_steps=0),
+                dict(alpha=0.0),
+                dict(alpha=-1.0),
+                dict(alpha=np.nan),
+                dict(alpha="0.1"),
+                dict(alpha=decaying(0.01)),
+                dict(alpha_w=-1.0),
+                dict(alpha_w=0.0),
+                dict(alpha_w=np.inf),
+                dict(alpha_w=decaying(0.01)),
+                dict(discount_states=1),
+                dict(net=3),
+                dict(net=net(4, 3, optimizer=SGD(1))),
+                dict(on_episode=3),
+            )
+        ),  # fmt: skip
+        *(
+            (
+                lambda learn=learn, more=more: learn(C, **(dict(gamma=0.9, n_episodes=1, rng=rng()) | more)),
                 f"{next(iter(more))}: got",
             )
             for learn in (reinforce, actor_critic)
-            for more in (dict(w0=1.0), dict(features=np.ones((4, 1))), dict(theta0=[[0.0, 1.0]]), dict(p_min=0.1))
-        ),
-        (lambda: reinforce(C, n_episodes=1, critic=net(4, 1), rng=rng()), "critic: got"),
+            for more in (
+                dict(gamma=1.1),
+                dict(gamma=None),
+                dict(n_episodes=0),
+                dict(n_episodes=10**9 + 1),
+                dict(rng=0),
+                dict(alpha=0.0),
+                dict(alpha=np.inf),
+                dict(alpha="0.1"),
+                dict(alpha=True),
+                dict(alpha_w=-1.0),
+                dict(alpha_w=None),
+                dict(discount_states=1),
+                dict(theta0="0"),
+                dict(w0=1j),
+                dict(p_min=0.5),
+                dict(record=True),
+                dict(record=0.5),
+                dict(max_steps=0),
+            )
+        ),  # fmt: skip
+        (lambda: reinforce(C, 0.9, 1, every_step=1, rng=rng()), "every_step: got 1, must be True or False"),
         (lambda: softmax_policy(np.zeros((0, 2))), "theta: got shape (0, 2)"),
         (lambda: episode_gradient(np.zeros((2, 4)), [0, -1], [0, 0], [0.0, 0.0], 1.0), "states: got -1..0"),
         (lambda: linear_form(alpha=0.0), "alpha: got 0.0"),
@@ -1003,28 +1165,36 @@ def net(*sizes, **more):
         (lambda: linear_form(rng=3), "rng: got 3"),
         (lambda: linear_form(n_actions=0), "n_actions: got 0"),
         (lambda: linear_form(n_episodes=0), "n_episodes: got 0"),
+        (lambda: linear_form(scale="1"), "scale: got '1'"),
+        (lambda: reinforce_linear(1, None, None, 2, 0.9, 1, alpha=0.1, rng=rng()), "start: got 1"),
         (
-            lambda: reinforce("CartPole-v1", n_episodes=1, on_episode=3, rng=rng()),
+            lambda: reinforce_network("CartPole-v1", 0.99, 1, on_episode=3, rng=rng()),
             "on_episode: got 3, must be a function",
         ),
-        (lambda: actor_critic("CartPole-v1", n_episodes=1, on_episode=3, rng=rng()), "on_episode: got 3, must be"),
-        (lambda: reinforce(recycling_robot(), n_episodes=1, rng=rng()), "max_steps: got None"),
-        (lambda: reinforce("Pendulum-v1", n_episodes=1, rng=rng()), "must be Discrete: the policy is a softmax"),
-        (lambda: reinforce("NoSuchWorld-v0", n_episodes=1, rng=rng()), "world: got 'NoSuchWorld-v0'"),
-        (lambda: reinforce(None, n_episodes=1, rng=rng()), "world: got NoneType"),
-        (lambda: reinforce("Blackjack-v1", n_episodes=1, rng=rng()), "world: got observations"),
-        (lambda: reinforce("CartPole-v1", n_episodes=1, features=np.ones((4, 1)), rng=rng()), "features: got"),
-        (lambda: reinforce("CartPole-v1", n_episodes=1, p_min=0.1, rng=rng()), "p_min: got 0.1"),
-        (lambda: reinforce("CartPole-v1", n_episodes=1, baseline="mean", rng=rng()), "baseline: got 'mean'"),
-        (lambda: reinforce("CartPole-v1", n_episodes=1, net=net(4, 3, optimizer=SGD(1)), rng=rng()), "net: got"),
-        (lambda: reinforce("CartPole-v1", n_episodes=1, net=net(3, 2, optimizer=SGD(1)), rng=rng()), "net: does not"),
-        (lambda: reinforce("CartPole-v1", n_episodes=1, net=net(4, 2), rng=rng()), "net: has no optimizer"),
-        (lambda: reinforce("CartPole-v1", n_episodes=1, net=3, rng=rng()), "net: got int"),
-        (lambda: reinforce("CartPole-v1", n_episodes=1, critic=net(4, 1), rng=rng()), "critic: got a network"),
-        (lambda: actor_critic(C, n_episodes=1, alpha=0, rng=rng()), "alpha: got 0"),
-        (lambda: actor_critic(recycling_robot(), n_episodes=1, rng=rng()), "max_steps: got None"),
-        (lambda: actor_critic("Pendulum-v1", n_episodes=1, rng=rng()), "must be Discrete"),
-        (lambda: actor_critic("CartPole-v1", n_episodes=1, theta0=1.0, rng=rng()), "theta0: got 1.0"),
+        (lambda: actor_critic_network("CartPole-v1", 0.99, 1, on_episode=3, rng=rng()), "on_episode: got 3, must be"),
+        (lambda: reinforce(recycling_robot(), 0.99, 1, rng=rng()), "max_steps: got None"),
+        (lambda: reinforce_network("Pendulum-v1", 0.99, 1, rng=rng()), "must be Discrete: the policy is a softmax"),
+        (lambda: reinforce("Pendulum-v1", 0.99, 1, rng=rng()), "world: got observations Box"),
+        *(
+            (lambda learn=learn, world=world: learn(world, 0.99, 1, rng=rng()), f"world: got {name}, must be a")
+            for learn in (reinforce, actor_critic, reinforce_network, actor_critic_network)
+            for world, name in (("NoSuchWorld-v0", "'NoSuchWorld-v0'"), (None, "NoneType"))
+        ),
+        (lambda: reinforce("Blackjack-v1", 0.99, 1, rng=rng()), "world: got observations"),
+        (lambda: reinforce_network("Blackjack-v1", 0.99, 1, rng=rng()), "world: got observations"),
+        (lambda: reinforce_network("CartPole-v1", 0.99, 1, baseline="mean", rng=rng()), "baseline: got 'mean'"),
+        (lambda: reinforce_network("CartPole-v1", 0.99, 1, net=net(4, 3, optimizer=SGD(1)), rng=rng()), "net: got"),
+        (
+            lambda: reinforce_network("CartPole-v1", 0.99, 1, net=net(3, 2, optimizer=SGD(1)), rng=rng()),
+            "net: does not",
+        ),
+        (lambda: reinforce_network("CartPole-v1", 0.99, 1, net=net(4, 2), rng=rng()), "net: has no optimizer"),
+        (lambda: reinforce_network("CartPole-v1", 0.99, 1, net=3, rng=rng()), "net: got int"),
+        (lambda: reinforce_network("CartPole-v1", 0.99, 1, critic=net(4, 1), rng=rng()), "critic: got a network"),
+        (lambda: actor_critic(C, 0.99, 1, alpha=0, rng=rng()), "alpha: got 0"),
+        (lambda: actor_critic(recycling_robot(), 0.99, 1, rng=rng()), "max_steps: got None"),
+        (lambda: actor_critic_network("Pendulum-v1", 0.99, 1, rng=rng()), "world: got actions Box"),
+        (lambda: actor_critic("Pendulum-v1", 0.99, 1, rng=rng()), "must be Discrete"),
         (lambda: policy_gradient_exact("C", np.zeros((2, 4)), 1.0), "mdp: got str"),
         (lambda: policy_gradient_exact(C, np.zeros((4, 2)), 1.0), "theta: got shape"),
         (lambda: policy_gradient_exact(C, np.full((2, 4), np.inf), 1.0), "theta: contains"),

@@ -211,7 +211,7 @@ BAD = {
     "half a class": (lambda: sup.supervised_logprob_grad(net(), X[0], 0.5), "a: got dtype float64, must be integers"),
     "labels of another length": (lambda: sup.supervised_logprob_grad(net(), X, LABELS[:2]), "a: got shape (2,)"),
     "pixels of another number": (lambda: sup.supervised_logprob_grad(net(), X[0, :9], 0), "x: got shape (9,)"),
-    "step 0": (lambda: sup.supervised_logprob_step(net(), X[0], 0, 0.0), "lr: got 0.0, must be a number above 0"),
+    "step 0": (lambda: sup.supervised_logprob_step(net(), X[0], 0, 0.0), "lr: got 0.0, must be a positive number"),
     "a weight for each": (
         lambda: sup.supervised_logprob_step(net(), X, LABELS, 0.1, weight=np.ones(6)), "weight: got [1. 1.",
     ),
@@ -226,7 +226,7 @@ BAD = {
     "no rng": (lambda: sup.make_ratings(rng=1), "rng: got 1, must be a numpy.random.Generator"),
     "known of another shape": (lambda: sup.factorise(ONES, ONES.T, ONES), "known: got shape (2, 3), must be"),
     "items of another number": (lambda: sup.factorise(ONES, ONES, ONES), "items: got shape (3, 2), must be (2, rank)"),
-    "penalty 0": (lambda: sup.factorise(ONES, ONES, ONES[:2], penalty=0), "penalty: got 0, must be a number above 0"),
+    "penalty 0": (lambda: sup.factorise(ONES, ONES, ONES[:2], penalty=0), "penalty: got 0, must be a positive number"),
     "epsilon above 1": (lambda: sup.recommend(ONES, 2, epsilon=1.5, rng=rng()), "epsilon: got 1.5"),
     "a truth of one dimension": (lambda: sup.recommend([1.0], 2, epsilon=0.1, rng=rng()), "truth: got shape (1,)"),
     "no rounds": (lambda: sup.recommend(ONES, 0, epsilon=0.1, rng=rng()), "n_rounds: got 0"),

@@ -460,12 +460,12 @@ BAD = {
         lambda: sur.lower_bound(sur.old_policy(GRID, uniform_policy(GRID), 1.0), uniform_policy(GRID)),
         "gamma: got 1, must be below 1",
     ),
-    "a negative coefficient": (lambda: sur.lower_bound(OLD, PI, -1.0), "C: got -1.0, must be a number, 0 or more"),
-    "beta 0": (lambda: sur.penalised_step(OLD, 0), "beta: got 0, must be a number above 0"),
+    "a negative coefficient": (lambda: sur.lower_bound(OLD, PI, -1.0), "C: got -1.0, must be a number of at least 0"),
+    "beta 0": (lambda: sur.penalised_step(OLD, 0), "beta: got 0, must be a positive number"),
     "beta nan": (lambda: sur.penalised_step(OLD, float("nan")), "beta: got nan"),
     "beta in words": (lambda: sur.penalised_step(OLD, "one"), "beta: got 'one'"),
     "beta true": (lambda: sur.penalised_step(OLD, True), "beta: got True"),
-    "delta 0": (lambda: sur.constrained_step(OLD, 0.0), "delta: got 0.0, must be a number above 0"),
+    "delta 0": (lambda: sur.constrained_step(OLD, 0.0), "delta: got 0.0, must be a positive number"),
     "an infinite target": (lambda: sur.adapt_beta(1.0, 0.1, float("inf")), "d_target: got inf"),
     "steps 0": (lambda: sur.penalised_ascent(MDP, PI, 0.9, 0, beta=1.0), "n_steps: got 0"),
     "half a step": (lambda: sur.constrained_ascent(MDP, PI, 0.9, 0.5, delta=0.1), "n_steps: got 0.5"),
@@ -503,7 +503,7 @@ BAD = {
         lambda: sur.trust_region_step([1.0, 0.0], [[1.0, 2.0], [0.0, 1.0]], 1.0),
         "H: got shape (2, 2), must be symmetric",
     ),
-    "radius 0": (lambda: sur.trust_region_step([1.0, 0.0], PEAK, 0.0), "radius: got 0.0, must be a number above 0"),
+    "radius 0": (lambda: sur.trust_region_step([1.0, 0.0], PEAK, 0.0), "radius: got 0.0, must be a positive number"),
 }  # fmt: skip
 
 

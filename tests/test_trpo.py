@@ -312,7 +312,7 @@ def test_on_episode_hears_of_each_and_may_stop():
     [
         (lambda: TRPOConfig(delta=0), "delta: got 0"),
         (lambda: TRPOConfig(delta=np.nan), "delta: got nan"),
-        (lambda: TRPOConfig(damping=-0.1), "damping: got -0.1, must be a number, 0 or more"),
+        (lambda: TRPOConfig(damping=-0.1), "damping: got -0.1, must be a number of at least 0"),
         (lambda: TRPOConfig(damping=np.inf), "damping: got inf"),
         (lambda: TRPOConfig(damping="much"), "damping: got 'much'"),
         (lambda: TRPOConfig(damping=True), "damping: got True"),

@@ -192,7 +192,7 @@ def _array(name, values, what):
         raise ValueError(f"{name}: got {show(values)}, must be {what}") from None
 
 
-def finite(name, values):
+def finite(name, values, given=None):
     """values as a float array; ValueError where one is not finite."""
     values = as_floats(name, values)
     if not np.isfinite(values).all():
@@ -353,6 +353,11 @@ def array(*shape, kind=finite):
     return rule
 
 
+def rule_of(check):
+    """The rule of a check(name, value)."""
+    return lambda name, value, given: check(name, value)
+
+
 def anything(name, value, given):
     """The rule of an argument that the function itself, or what it calls, checks."""
     return value
@@ -383,7 +388,7 @@ def _world(name, world, given):
 
 
 def _v0(name, V0, given):
-    return check_v0(spaces(given["world"])[1], V0) if "world" in given else check_values(given["mdp"], V0, name)
+    return check_v0(spaces(given["world"])[1], V0) if "world" in given else finite_values(given["mdp"], V0, name)
 
 
 def _q0(name, Q0, given):
@@ -394,14 +399,14 @@ RULES = {
     "mdp": lambda name, mdp, given: check_mdp(mdp),
     "world": _world,
     "pi": _pi,
-    "V": _of_mdp(check_values),
+    "V": _of_mdp(finite_values),
     "Q": _of_mdp(check_q),
     "V0": _v0,
     "Q0": _q0,
     "rng": lambda name, rng, given: check_rng(rng),
     "s": index(lambda given: given["mdp"].n_states),
     "a": index(lambda given: given["mdp"].n_actions),
-    **rules(check_probability, "gamma lam"),
+    **rules(check_probability, "gamma lam gamma_lam"),
     **rules(check_positive, "tol lr"),
     **rules(count(), "n n_states n_actions n_steps n_episodes n_iter n_runs max_iter max_steps T depth"),
     **rules(count(0), "record"),

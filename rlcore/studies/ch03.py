@@ -5,7 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_gamma, check_policy, check_positive, check_probability, check_rng
+from rlcore.core.checks import (
+    check_count,
+    check_gamma,
+    check_policy,
+    check_positive,
+    check_probability,
+    checked,
+    finite,
+    function_of,
+)
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
 from rlcore.core.sampling import draw, step
@@ -98,6 +107,9 @@ def _spread_updates(world, prob, pairs, Q0, gamma, n_updates, epsilon, follow, r
 # ---------------------------------------------------------------------- chapter 3's form
 
 
+@checked(
+    start=function_of("rng="), step=function_of("(x, a)"), alive=function_of("x"), alpha=check_positive, scale=finite
+)
 def reinforce_linear(start, step, alive, n_actions, gamma, n_episodes, *, alpha, scale=1.0, max_steps=200, rng):
     """Policy gradient with a softmax that is linear in the state, returns to go and their mean as baseline. cl-025
 
@@ -105,11 +117,9 @@ def reinforce_linear(start, step, alive, n_actions, gamma, n_episodes, *, alpha,
     alpha: step size; scale: (d,) or a number that divides the state, so that its parts are of order 1.
     Returns a Run; policy is W (A, d), history (n_episodes + 1, A, d). Source: Williams (1992).
     """
-    gamma, max_steps, rng = check_gamma(gamma), check_count("max_steps", max_steps), check_rng(rng)
-    alpha = check_positive("alpha", alpha)
-    W = np.zeros((check_count("n_actions", n_actions), np.size(start(rng=rng))))
+    W = np.zeros((n_actions, np.size(start(rng=rng))))
     lengths, history = [], [W]
-    for _ in range(check_count("n_episodes", n_episodes)):
+    for _ in range(n_episodes):
         x, features, gradients = start(rng=rng), [], []
         while len(features) < max_steps and alive(x):
             probs = softmax(W @ (x / scale))

@@ -7,7 +7,7 @@ import numpy as np
 
 from rlcore.core.checks import as_floats, check_count, check_probability, check_rng, check_world
 from rlcore.mdp import FiniteMDP, discounted_returns
-from rlcore.nstep import visited_values
+from rlcore.nstep import values_on_the_way
 
 
 def repeat(method, *args, n_runs, rng, **settings):
@@ -36,7 +36,8 @@ def squared_error(V, episodes, gamma):
     """Sum of (G_t - V(S_t))^2 over all steps of all episodes (Trajectories or pairs of states, rewards). cl-048"""
     total = 0.0
     for e in episodes:
-        _, rewards, values, _ = visited_values(*((e.states, e.rewards) if hasattr(e, "states") else e), V)
+        states, rewards = (e.states, e.rewards) if hasattr(e, "states") else e
+        values = values_on_the_way(np.asarray(states), np.asarray(rewards), np.asarray(V))
         total += ((discounted_returns(rewards, gamma) - values[:-1]) ** 2).sum()
     return float(total)
 

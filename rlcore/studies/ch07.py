@@ -7,7 +7,7 @@ import numpy as np
 from rlcore.core.checks import as_floats, check_count, check_probability, check_rng, is_number
 from rlcore.nn import MLP
 from rlcore.optimizers import Adam
-from rlcore.reinforce import reinforce
+from rlcore.reinforce import reinforce_network
 
 STEPS, WINDOW, ENOUGH = 200, 100, 195
 
@@ -15,9 +15,9 @@ Runs = namedtuple("Runs", "solved last steps blocks")
 
 
 def train(n_episodes, *, baseline="time", hidden=16, lr=0.01, gamma=0.99, stop=False, rng):
-    """Run of `reinforce` on CartPole-v1, cut at 200 steps, with hidden tanh neurons and Adam(lr). fig-56, ex-cartpole
+    """Run of `reinforce_network` on CartPole-v1, cut at 200 steps: hidden tanh neurons, Adam(lr). fig-56, ex-cartpole
 
-    baseline: as in `reinforce`. stop: at the end of the first 100 episodes that average 195, or after n_episodes.
+    baseline: as there. stop: at the end of the first 100 episodes that average 195, or after n_episodes.
     """
     lengths, net = [], MLP([4, hidden, 2], optimizer=Adam(lr), rng=check_rng(rng))
 
@@ -25,8 +25,8 @@ def train(n_episodes, *, baseline="time", hidden=16, lr=0.01, gamma=0.99, stop=F
         lengths.append(length)
         return stop and solved(lengths[-WINDOW:]) is not None
 
-    settings = dict(gamma=gamma, baseline=baseline, max_steps=STEPS, net=net, on_episode=on_episode)
-    return reinforce("CartPole-v1", n_episodes=n_episodes, **settings, rng=rng)
+    settings = dict(baseline=baseline, max_steps=STEPS, net=net, on_episode=on_episode)
+    return reinforce_network("CartPole-v1", gamma, n_episodes, **settings, rng=rng)
 
 
 def solved(lengths):

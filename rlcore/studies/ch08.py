@@ -38,8 +38,8 @@ def episode_outcome_pg(world, n_episodes, *, features, alpha, rng):
     Arguments and result as for `reinforce`, which this is: without discount or baseline, in a world that pays +1 or -1
     at the end. Run.history holds theta before and after, (2, A, d). cl-120
     """
-    settings = dict(gamma=1.0, alpha=alpha, features=features, record=check_count("n_episodes", n_episodes))
-    return reinforce(world, n_episodes=n_episodes, **settings, rng=rng)
+    n_episodes = check_count("n_episodes", n_episodes)
+    return reinforce(world, 1.0, n_episodes, alpha=alpha, features=features, record=n_episodes, rng=rng)
 
 
 def label_bandit(labels, n_classes):
