@@ -1,7 +1,8 @@
 # make book   build the book to _build/html          make test      what every change must pass, in minutes
 # make check  lint, format, most unit tests          make test-all  that, and what takes longer
 # make lab    open the notebooks in JupyterLab       make outputs   run the notebooks and store what they show
-# make lock   pin all packages anew, with hashes     make clean     remove what the build made
+# make lock   pin all packages anew, with hashes     make wheel     build the package and try it by itself
+# make clean  remove what the build made
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3 python,$(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print("$(p)")' 2>/dev/null)))
 REQUIREMENTS ?= requirements.txt
 LOCK := $(if $(filter requirements.txt,$(REQUIREMENTS)),requirements.lock)
@@ -12,7 +13,7 @@ HTML := _build/html
 RUN := $(BIN)/python tests/run.py
 NOTEBOOKS := $(wildcard book/*.ipynb)
 
-.PHONY: book html test test-all check pages notebooks lab outputs clean install lock mutation
+.PHONY: book html test test-all check pages notebooks lab outputs clean install lock mutation wheel
 
 install: $(STAMP)
 
@@ -47,7 +48,7 @@ test: $(STAMP)
 
 test-all: $(STAMP)
 	@.ci/browser
-	@$(RUN) lint unit html pages slow narrow single double
+	@$(RUN) lint unit html pages slow narrow single double wheel
 
 check: $(STAMP)
 	@$(RUN) lint quick
@@ -68,6 +69,10 @@ outputs: $(STAMP)
 # break every line on purpose: a test must fail (about an hour, resumable)
 mutation: $(STAMP)
 	@$(BIN)/python tests/mutation.py
+
+# wheel and sdist in _build/dist, tried in an environment that has nothing else
+wheel:
+	@$(PYTHON) tests/release.py
 
 clean:
 	rm -rf _build .ruff_cache .hypothesis *.egg-info

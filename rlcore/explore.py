@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from urllib.parse import quote
 
+from rlcore.core.extras import extra
+
 MAX_FRAMES = 40
 
 GREEK = {"alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "theta": "θ", "lam": "λ", "pi": "π"}
@@ -91,7 +93,8 @@ class Explorer:
 
     def widget(self):
         """The live panel (ipywidgets): a slider for numbers, buttons for words, and the picture they choose."""
-        import ipywidgets as w
+        with extra("notebook"):
+            import ipywidgets as w
 
         knobs = []
         for name, values in self.choices.items():

@@ -6,10 +6,12 @@ actions: (B,) integers, or (B, A). advantage: (B,). `old` stands for outputs of 
 Source: Schulman et al. (2015, 2017).
 """
 
-import torch
-from torch.distributions import Categorical, Independent, Normal, kl_divergence
-
 from rlcore.core.checks import check_positive
+from rlcore.core.extras import extra
+
+with extra("deep"):
+    import torch
+    from torch.distributions import Categorical, Independent, Normal, kl_divergence
 
 
 def distribution(outputs):

@@ -141,6 +141,6 @@ def gradient_estimates(
             s, a = states[t], actions[t]
             G = rewards[t] + gamma * G  # eq-u-alg2-return
             probabilities(pi, theta, X[s], legal[s], 0.0)
-            discount = gamma**t if discount_states else 1.0
+            discount = gamma ** float(t) if discount_states else 1.0  # float: the same power compiled and not
             add_score(gradients[k], ratio * discount * (G - baseline[s, a]), pi, X[s], a)  # eq-u-reinforce-baseline
     return (gradients,)

@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 
+from rlcore.core.extras import extra
 from rlcore.neurons import check_dtype
 from rlcore.optimizers import Adam, check_optimizer, take_step
 
@@ -17,7 +18,8 @@ class TorchNet:
     """
 
     def __init__(self, module, optimizer=None, lr=None):
-        import torch
+        with extra("deep"):
+            import torch
 
         self._torch, self.module = torch, module
         self.optimizer = Adam(lr) if optimizer is None and lr is not None else check_optimizer(optimizer)
@@ -32,7 +34,8 @@ class TorchNet:
     @classmethod
     def like(cls, mlp):
         """The twin of an MLP: same layers, same parameters, a copy of its optimizer."""
-        import torch
+        with extra("deep"):
+            import torch
 
         layer = {"sigmoid": torch.nn.Sigmoid, "relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "linear": torch.nn.Identity}
         modules = []

@@ -1,18 +1,22 @@
 """Break the code on purpose, one place at a time: some test must fail.
 
-    python tests/mutation.py [module ...]     of TESTS below; all of them where none is named
+    python tests/mutation.py [name ...]       modules of TESTS below, or folders of them; all where none is named
     python tests/mutation.py --again          forget earlier results
     python tests/mutation.py --list           print the changes without running anything
     python tests/mutation.py --report         what is known from earlier runs
     python tests/mutation.py --sample         only the update lines named in SAMPLE, in a few seconds
+    python tests/mutation.py --alone          one process instead of two
 
 Each change (a mutant) is made in a scratch copy and the tests of that module run on it, interpreted, until one fails.
+A mutant is named by its function, its line and what is done to it, whatever module the function is in; "function in
+module" where two modules have the same line in functions of one name.
 Results are kept in _build/mutation/, one line a mutant, so that a run can be stopped and resumed: a mutant is run again
 only where its function is new, or where it survived and the tests are new. Survivors are printed; those that cannot
 change a result are listed with the reason in tests/mutation_allowed.txt. Exit status 1 where one is not listed there.
 """
 
 import ast
+import functools
 import hashlib
 import importlib
 import itertools
@@ -25,6 +29,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
+from fnmatch import fnmatch
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -33,46 +39,93 @@ ALLOWED = ROOT / "tests" / "mutation_allowed.txt"
 TIME_LIMIT = 60  # seconds for one mutant; a healthy run of one module's tests takes less than half
 TESTS = {  # in the order in which they are most likely to notice
     "mdp": "test_mdp test_bad_input test_mdp_env test_properties",
+    "core.outcomes": "test_mdp test_mdp_env test_bad_input test_properties",
+    "core.sampling": "test_mdp test_properties test_td_exact",
+    "core.checks": "test_bad_input test_mdp test_dp test_bellman test_planning test_td_exact test_nn",
+    "core.worlds": "test_td_exact test_td test_mdp_env test_bad_input",
     "bellman": "test_bellman test_bad_input test_properties",
     "dp": "test_dp test_bad_input test_properties",
+    "solver": "test_solve test_properties test_bad_input",
     "planning": "test_planning test_bad_input",
-    "_solve": "test_solve test_properties test_bad_input",
+    "schedules": "test_td_exact test_td test_bad_input",
+    "monte_carlo": "test_td_exact test_td",
     "td": "test_td_exact test_td",
-    "episodes": "test_td_exact test_td",
-    "returns": "test_traces_exact test_traces",
+    "batch": "test_td_exact test_td",
+    "nstep": "test_traces_exact test_traces",
     "traces": "test_traces_exact test_traces",
-    "nn": "test_nn test_trpo test_reinforce",
     "neurons": "test_nn",
-    "policies": "test_policies",
+    "nn": "test_nn test_trpo test_reinforce",
+    "optimizers": "test_nn test_planning",
+    "torchnet": "test_nn test_trpo test_losses test_reinforce test_ppo",
+    "policies": "test_policies test_reinforce test_td_exact test_planning",
     "policy_gradient": "test_reinforce",
     "reinforce": "test_reinforce",
-    "measure": "test_measure test_td_exact",
-    "sweep": "test_sweep",
-    "ppo": "test_ppo test_losses",
-    "trpo": "test_trpo",
-    "rollouts": "test_rollouts test_ppo",
-    "actor_critic": "test_rollouts test_ppo test_losses",
+    "actor_critic": "test_reinforce",
+    "core.agents": "test_rollouts test_ppo test_losses",
+    "core.rollouts": "test_rollouts test_ppo",
+    "gae": "test_rollouts test_ppo",
     "losses": "test_losses",
+    "ppo": "test_ppo test_losses",
+    "trust_region": "test_surrogates",
+    "trpo": "test_trpo",
+    "sweep": "test_sweep",
+    "envs.small": "test_mdp test_bellman test_planning test_ch02 test_grids test_robots test_td test_reinforce",
+    "envs.grids": "test_grids test_bad_input test_td test_planning",
+    "envs.robots": "test_robots test_mdp",
+    "envs.cartpole": "test_planning test_robots test_figure56",
+    "envs.golf": "test_golf",
+    "envs.games": "test_ch02",
+    "envs.catch": "test_catch",
+    "envs.meter": "test_ch02",
+    "envs.gym": "test_mdp_env test_catch test_bad_input",
+    "studies.ch02": "test_golf test_ch02 test_measure test_bad_input",
+    "studies.ch03": "test_planning test_ch02 test_bad_input",
+    "studies.ch04": "test_measure test_td_exact",
+    "studies.ch06": "test_nn test_supervised",
+    "studies.ch07": "test_figure56 test_reinforce",
+    "studies.ch08": "test_supervised",
+    "studies.figure61": "test_figure61",
+    "studies.tables": "test_figure61 test_figure56",
+    "exercises.compare": "test_exercises",
+    "exercises.engine": "test_exercises",
+    "exercises.sandbox": "test_exercises",
+    "exercises.notebook": "test_exercises",
+    "explore": "test_explore",
+}
+LEFT_OUT = {
+    "core.compiled": "how functions are compiled, not what they compute; its tests need numba and fresh interpreters",
+    "envs": "gathers what its modules define",
+    "exercises": "loads the chapters, no more",
+    "exercises.__main__": "runs notebooks in kernels of their own, many seconds each time",
+    "exercises.ch*": "declarations; the tests of exercises put the answers in place of one another",
+    "plots": "finds the figures by name",
+    "plots.*": "pictures are looked at; what they show is computed elsewhere",
 }
 OF_TD = "fixed_point or average_to_state or errors_of or random_walk or share_one or windy or not_met or gymnasium"
 OF_TD += " or in_an_environment or by_episode_or_by_step or never_explores or bits"
 OF_TRACES = "walk19 or windy or maze_of or cuts_of or v_pi_is or q_pi_of or shortest_path or same_bits or too_small or"
 OF_TRACES += " reduction_holds or control_is_its_box or watkins_lambda_0"
+OF_PLANNING = "real_steps or steps_per_episode or converges_to_the_optimum or behaviour_at_random or bonus or root_n "
+OF_PLANNING += "or plain_python or reinforce or recorded_actions"
 OF_PPO = "test_cartpole[ or test_pendulum or inverted or policies_that or beta_of_100 or clipping_keeps"
 TOO_SLOW = {  # interpreted, these take seconds or a minute each: left out, which can only make a mutant survive
-    "_solve": "memory or 0.9999 or without_numba or does_not_forget or long_corridor",
-    "planning": "real_steps or steps_per_episode or converges_to_the_optimum or behaviour_at_random or bonus or root_n "
-    "or plain_python or reinforce or recorded_actions",
+    "solver": "memory or 0.9999 or without_numba or does_not_forget or long_corridor",
+    "planning": OF_PLANNING,
     "td": OF_TD,
-    "episodes": OF_TD,
-    "returns": OF_TRACES,
+    "nstep": OF_TRACES,
     "traces": OF_TRACES,
     "sweep": "cluster",
     "ppo": OF_PPO,
-    "rollouts": OF_PPO,
-    "actor_critic": OF_PPO,
+    "core.rollouts": OF_PPO,
+    "core.agents": OF_PPO,
+    "gae": OF_PPO,
+    "core.sampling": OF_TD,
+    "core.worlds": OF_TD,
+    "schedules": OF_TD,
+    "monte_carlo": OF_TD,
+    "batch": OF_TD,
 }
-TORCH = {"nn", "neurons", "policies", "policy_gradient", "reinforce", "ppo", "trpo", "actor_critic", "losses"}
+HEAVY = {"torch": "torch", "sklearn": "sklearn.datasets", "plots": "matplotlib.pyplot"}  # named in tests: loaded first
 SWAPS = {
     ast.Add: [ast.Sub], ast.Sub: [ast.Add], ast.Mult: [ast.Div], ast.Div: [ast.Mult], ast.FloorDiv: [ast.Mult],
     ast.Mod: [ast.FloorDiv], ast.Pow: [ast.Mult], ast.BitAnd: [ast.BitOr], ast.BitOr: [ast.BitAnd],
@@ -93,7 +146,7 @@ SAMPLE = [  # (module, part of a line, what it is broken to, the test that must 
     ("dp", "best = max(best, q)  # eq-16", "best = min(best, q)", "test_dp::test_sweeps_are_backups"),
     ("dp", "V_new if in_place else V, V_new)", "V, V_new)", "test_dp::test_sweeps_are_backups"),
     ("dp", "np.where(keep[:, None], pi, pi_new)", "pi_new", "test_dp::test_improvement_keeps_a_row_that_is_greedy"),
-    ("dp", "residual / (1 - gamma)", "residual", "test_dp::test_bound_is_tight_where_the_error_is_known"),
+    ("bellman", "residual / (1 - gamma)", "residual", "test_dp::test_bound_is_tight_where_the_error_is_known"),
     ("bellman", "gamma * V[mdp.next_state]", "V[mdp.next_state]", "test_bellman::test_backups_are_the_sums"),
     ("bellman", "check_q(mdp, Q).max(", "check_q(mdp, Q).min(", "test_bellman::test_backups_are_the_sums"),
     ("bellman", "eye_array(go.size) -", "eye_array(go.size) +", "test_bellman::test_sparse_and_dense_solution"),
@@ -101,7 +154,7 @@ SAMPLE = [  # (module, part of a line, what it is broken to, the test that must 
     ("mdp", "rewards[t] + gamma * G[t + 1]", "rewards[t] + gamma * rewards[t]", "test_mdp::test_worked_return"),
     ("mdp", "gamma ** (k - t - 1)", "gamma ** (k - t)", "test_mdp::test_worked_return"),
     ("mdp", "discount *= gamma", "discount = gamma", "test_mdp::test_sampled_returns_of_a_certain_process"),
-    ("mdp", "while cdf[k] <= u:", "while cdf[k] < u:", "test_mdp::test_draw_inverts_the_cumulative_probabilities"),
+    ("core.sampling", "cdf[k] <= u:", "cdf[k] < u:", "test_mdp::test_draw_inverts_the_cumulative_probabilities"),
 ]  # fmt: skip
 
 
@@ -206,33 +259,73 @@ def _of_statements(node):
                 yield statement, "statement dropped", _set(node, field, dropped)
 
 
+def file_of(module, root=None):
+    path = Path(root or ROOT, "rlcore", *module.split("."))
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+
+
+def modules():
+    """Every module of rlcore that has something to break, by its name without "rlcore."."""
+    for path in sorted(ROOT.glob("rlcore/**/*.py")):
+        if any(mutants(ast.parse(path.read_text()))):
+            parts = path.relative_to(ROOT / "rlcore").with_suffix("").parts
+            yield ".".join(part for part in parts if part != "__init__")
+
+
+def left_out(module):
+    """The reason for which a module has no tests to be broken for, or None."""
+    return next((reason for pattern, reason in LEFT_OUT.items() if fnmatch(module, pattern)), None)
+
+
 def lines(module):
-    """Every mutant of a module as (line number, name); the name is the line and what is done to it."""
-    text = (ROOT / "rlcore" / f"{module}.py").read_text()
-    seen = {}
-    for node, label, _ in mutants(ast.parse(text)):
-        name = f"{module}: {text.splitlines()[node.lineno - 1].strip()} | {label}"
-        seen[name] = seen.get(name, 0) + 1
-        yield node.lineno, name if seen[name] == 1 else f"{name} #{seen[name]}"
+    """Every mutant of a module as (line number, name): the function, the line, and what is done to it."""
+    return [(number, names()[module, i]) for i, (number, _) in enumerate(_lines(module))]
+
+
+@functools.cache
+def names():
+    """{(module, i): name} of all mutants."""
+    found = {(module, i): name for module in TESTS for i, (_, name) in enumerate(_lines(module))}
+    count = Counter(found.values())
+    for (module, i), name in found.items():
+        if count[name] > 1:
+            found[module, i] = name.replace(":", f" in {module}:", 1)
+    return found
+
+
+@functools.cache
+def _lines(module):
+    text = file_of(module).read_text()
+    tree, rows, seen, found = ast.parse(text), text.splitlines(), Counter(), []
+    around = _around(tree)
+    for node, label, _ in mutants(tree):
+        place = ".".join(n.name for n in around.get(node.lineno, ())) or "top level"
+        name = f"{place}: {rows[node.lineno - 1].strip()} | {label}"
+        seen[name] += 1
+        found.append((node.lineno, name if seen[name] == 1 else f"{name} #{seen[name]}"))
+    return found
 
 
 def plan(module, first=0, step=1):
     """Mutants first, first + step, ... as (name, line number, digest of the function it is in, source)."""
-    text = (ROOT / "rlcore" / f"{module}.py").read_text()
+    text = file_of(module).read_text()
     for i, (number, name) in list(enumerate(lines(module)))[first::step]:
         tree = ast.parse(text)
         _, _, change = next(itertools.islice(mutants(tree), i, None))
         change()
         source = ast.unparse(ast.fix_missing_locations(tree)) + "\n\ndef _same(x):\n    return x\n"
-        digest = hashlib.sha256(ast.unparse(_function_of(tree, number)).encode()).hexdigest()[:12]
-        yield name, number, digest, source
+        whole = _around(tree).get(number, [tree])[-1]
+        yield name, number, hashlib.sha256(ast.unparse(whole).encode()).hexdigest()[:12], source
 
 
-def _function_of(tree, number):
-    """The smallest definition that holds the line, or all where none does."""
-    kinds = (ast.FunctionDef, ast.ClassDef)
-    around = [n for n in ast.walk(tree) if isinstance(n, kinds) and n.lineno <= number <= n.end_lineno]
-    return min(around, key=lambda n: n.end_lineno - n.lineno, default=tree)
+def _around(tree):
+    """{line number: definitions that hold the line, from the outside in}"""
+    around = {}
+    for node in ast.walk(tree):  # by depth
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            for number in range(node.lineno, node.end_lineno + 1):
+                around[number] = (*around.get(number, ()), node)
+    return around
 
 
 # ---------------------------------------------------------------------- running
@@ -250,7 +343,7 @@ def scratch(folder):
     return folder
 
 
-def preload():
+def preload(chosen=()):
     """Import what is slow and not under test, once, before the forks."""
     for name in ("gymnasium", "hypothesis.strategies", "pytest", "scipy.sparse.csgraph", "scipy.sparse.linalg"):
         importlib.import_module(name)
@@ -258,7 +351,16 @@ def preload():
 
     for name in ("FrozenLake-v1", "Taxi-v4", "CliffWalking-v1"):
         gymnasium.make(name)
+    text = "".join(path.read_text() for path in {path for module in chosen for path in files(ROOT, module)})
+    for word, name in HEAVY.items():
+        if word in text:
+            importlib.import_module(name)
     assert "rlcore" not in sys.modules
+
+
+def files(folder, module):
+    """The files of a module's tests."""
+    return [folder / "tests" / f"{name.split('::')[0]}.py" for name in TESTS[module].split()]
 
 
 def run_tests(folder, tests, limit, leave_out=None):
@@ -277,11 +379,10 @@ def run_tests(folder, tests, limit, leave_out=None):
         status = 3
         try:
             assert str(folder) in importlib.util.find_spec("rlcore").origin
-            names = [name.partition("::") for name in tests.split()]
-            files = [f"tests/{file}.py{colons}{test}" for file, colons, test in names]
-            files = [name for name in files if (folder / name.split("::")[0]).exists()]
+            parts = [name.partition("::") for name in tests.split()]
+            wanted = [f"tests/{file}.py{colons}{test}" for file, colons, test in parts]
             choice = ["-k", f"not ({leave_out})"] if leave_out else []
-            status = int(pytest.main(["-x", "-q", "--assert=plain", "--no-header", *choice, *files]))
+            status = int(pytest.main(["-x", "-q", "--assert=plain", "--no-header", *choice, *wanted]))
         finally:
             os._exit(status)
     end = time.monotonic() + limit
@@ -297,21 +398,17 @@ def run_tests(folder, tests, limit, leave_out=None):
 
 def fingerprint(folder, module):
     """Of the tests that are run."""
-    names = [folder / "tests" / f"{name}.py" for name in [*TESTS[module].split(), "worlds"]]
-    text = b"".join(path.read_bytes() for path in names if path.exists())
+    text = b"".join(path.read_bytes() for path in [*files(folder, module), folder / "tests" / "worlds.py"])
     return hashlib.sha256(text).hexdigest()[:12]
 
 
-def work(worker, workers, modules):
+def work(worker, workers, chosen):
     """One of the processes: every workers-th mutant that has no result yet."""
     folder, done, excused = scratch(SCRATCH / f"copy{worker}"), results(), allowed()
-    preload()
-    if set(modules) & TORCH:
-        importlib.import_module("torch")  # seconds for each mutant, if not here
-        importlib.import_module("sklearn.datasets")
+    preload(chosen)
     with open(SCRATCH / "results.jsonl", "a") as out:  # both append whole lines
-        for module in modules:
-            path, tests, mark = folder / "rlcore" / f"{module}.py", TESTS[module], fingerprint(folder, module)
+        for module in chosen:
+            path, tests, mark = file_of(module, folder), TESTS[module], fingerprint(folder, module)
             original = path.read_text()
             for name, number, digest, source in plan(module, worker, workers):
                 before = done.get(name, {})
@@ -333,7 +430,7 @@ def sample(folder):
     folder, alive = scratch(Path(folder, "copy")), []
     preload()
     for module, line, broken, test in SAMPLE:
-        path = folder / "rlcore" / f"{module}.py"
+        path = file_of(module, folder)
         original = path.read_text()
         if line not in original:
             sys.exit(f"{module}: {line!r} is no longer there")
@@ -354,51 +451,62 @@ def results():
 
 def allowed():
     """{mutant: reason}; a line of the file is 'mutant  # reason'."""
-    lines = ALLOWED.read_text().splitlines() if ALLOWED.exists() else []
-    pairs = (line.rsplit("  # ", 1) for line in lines if line.strip() and not line.startswith("#"))
+    rows = ALLOWED.read_text().splitlines() if ALLOWED.exists() else []
+    pairs = (row.rsplit("  # ", 1) for row in rows if row.strip() and not row.startswith("#"))
     return {name.strip(): reason for name, reason in pairs}
 
 
-def healthy(modules):
+def stale():
+    """Excuses for mutants that do not exist, or of which two modules have one."""
+    return [name for name in allowed() if name not in names().values()]
+
+
+def healthy(chosen):
     """The tests pass on the unchanged copy; otherwise every mutant would count as killed."""
     folder = scratch(SCRATCH / "copy-check")
-    for module in modules:
+    for module in chosen:
         start = time.monotonic()
         if run_tests(folder, TESTS[module], 5 * TIME_LIMIT, TOO_SLOW.get(module)) != 0:
             sys.exit((folder / "log.txt").read_text()[-3000:] + f"\nThe tests of {module} fail without any change.")
         print(f"{module}: unchanged, {time.monotonic() - start:.0f} s", flush=True)
 
 
-def report(modules):
-    found, excused = results(), allowed()
-    names = {module: [name for _, name in lines(module)] for module in modules}
-    left = []
-    for module in modules:
-        rows = [found[name] for name in names[module] if name in found]
+def report(chosen):
+    found, excused, left = results(), allowed(), []
+    for module in chosen:
+        mine = [name for _, name in lines(module)]
+        rows = [found[name] for name in mine if name in found]
         alive = [row for row in rows if not row["killed"]]
         new = [row for row in alive if row["name"] not in excused]
-        left += new
+        left += [(module, row) for row in new]
         slow = sum(row["status"] == "slow" for row in rows)
         print(
-            f"{module}: {len(names[module])} mutants, {len(rows)} run, {len(rows) - len(alive)} killed ({slow} by the "
+            f"{module}: {len(mine)} mutants, {len(rows)} run, {len(rows) - len(alive)} killed ({slow} by the "
             f"clock), {len(alive) - len(new)} equivalent, {len(new)} survived"
         )
-    for row in left:
-        print(f"  line {row['line']}  {row['name']}")
-    unknown = [name for name in excused if name.split(":")[0] in modules and name not in names[name.split(":")[0]]]
-    for name in unknown:
+    for module, row in left:
+        print(f"  {module}, line {row['line']}  {row['name']}")
+    for name in stale():
         print(f"  no longer there: {name}")
-    return 1 if left or unknown else 0
+    return 1 if left or stale() else 0
+
+
+def choose(wanted):
+    """The modules that are named, or that are in a folder that is."""
+    for name in wanted:
+        if not any(m == name or m.startswith(name + ".") for m in TESTS):
+            sys.exit(f"{name}: {left_out(name) or 'is no module of TESTS'}")
+    return [m for m in TESTS if not wanted or any(m == name or m.startswith(name + ".") for name in wanted)]
 
 
 def main(arguments):
-    modules = [a for a in arguments if not a.startswith("-")] or list(TESTS)
+    chosen = choose([a for a in arguments if not a.startswith("-")])
     if "--list" in arguments:
-        for number, name in (row for module in modules for row in lines(module)):
+        for number, name in (row for module in chosen for row in lines(module)):
             print(number, name)
         return 0
     if "--report" in arguments:
-        return report(modules)
+        return report(chosen)
     if "--again" in arguments:
         shutil.rmtree(SCRATCH, ignore_errors=True)
     sys.dont_write_bytecode = True  # a mutant may be as long and as old, to the second, as the one before
@@ -413,17 +521,18 @@ def main(arguments):
         with tempfile.TemporaryDirectory() as folder:
             return sample(folder)
     SCRATCH.mkdir(parents=True, exist_ok=True)
-    if "--worker" in arguments:
-        number = int(arguments[arguments.index("--worker") + 1])
-        work(number, 2, [m for m in modules if m in TESTS])
-        return 0
-    preload()
-    healthy(modules)
-    command = [sys.executable, __file__, *modules, "--worker"]
-    workers = [subprocess.Popen([*command, str(i)], env=os.environ) for i in range(2)]
+    for a in arguments:
+        if a.startswith("--worker="):
+            work(*map(int, a.removeprefix("--worker=").split("/")), chosen)
+            return 0
+    preload(chosen)
+    healthy(chosen)
+    n = 1 if "--alone" in arguments else 2
+    command = [sys.executable, __file__, *chosen]
+    workers = [subprocess.Popen([*command, f"--worker={i}/{n}"], env=os.environ) for i in range(n)]
     for worker in workers:
         worker.wait()
-    return report(modules)
+    return report(chosen)
 
 
 if __name__ == "__main__":

@@ -643,10 +643,11 @@ def test_an_episode_has_one_step_size(every_step):
         np.testing.assert_allclose(run.history[k + 1], theta, rtol=1e-12)
 
 
-def test_estimates_of_a_process_and_of_its_environment_have_the_same_bits():
+@pytest.mark.parametrize("discount_states", [False, True])
+def test_estimates_of_a_process_and_of_its_environment_have_the_same_bits(discount_states):
     args = np.zeros((3, 7)), 0.9, 20
     g = [
-        gradient_estimates(w, *args, max_steps=70, rng=rng(1))
+        gradient_estimates(w, *args, discount_states=discount_states, max_steps=70, rng=rng(1))
         for w in (awkward(2, start=0), MDPEnv(awkward(2, start=0)))
     ]
     np.testing.assert_array_equal(*g)

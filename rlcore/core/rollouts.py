@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.core.checks import check_count, check_function, check_gamma, check_positive, check_probability
+from rlcore.core.extras import extra
 from rlcore.core.results import Run
 
 
@@ -75,7 +76,8 @@ def vector_env(world, n_envs=1):
     An id with n_envs above 1 gives gymnasium's own vector environment of that task where it has one. The step after an
     episode's end resets: it is no transition, and what learns leaves it out.
     """
-    import gymnasium as gym
+    with extra("gym"):
+        import gymnasium as gym
 
     n_envs = check_count("n_envs", n_envs)
     try:

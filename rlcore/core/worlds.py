@@ -7,6 +7,7 @@ import numpy as np
 from rlcore.core.chains import ends
 from rlcore.core.checks import Model, check_count, show, spaces, takes_none
 from rlcore.core.compiled import compiled
+from rlcore.core.extras import extra
 from rlcore.core.sampling import draw, step
 
 FOREVER = np.iinfo(np.int64).max
@@ -92,7 +93,8 @@ def open_world(name, world, given=None):
     """world; an id is made an environment. ValueError where there is none of that name."""
     if not isinstance(world, str):
         return world
-    import gymnasium as gym
+    with extra("gym"):
+        import gymnasium as gym
 
     try:
         return gym.make(world, disable_env_checker=True)

@@ -1,12 +1,15 @@
 """A FiniteMDP as a gymnasium environment, and Catch from its pixels."""
 
-import gymnasium as gym
 import numpy as np
 
 from rlcore.core.checks import check_index
+from rlcore.core.extras import extra
 from rlcore.core.sampling import cumulative, draw
 from rlcore.envs.catch import catch, catch_pixels
 from rlcore.mdp import FiniteMDP
+
+with extra("gym"):
+    import gymnasium as gym
 
 
 class LegalActions(gym.spaces.Discrete):

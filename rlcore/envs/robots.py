@@ -3,6 +3,7 @@
 import numpy as np
 
 from rlcore.core.checks import check_count, check_function, check_gamma, check_probability
+from rlcore.core.extras import extra
 from rlcore.core.results import Run
 from rlcore.mdp import FiniteMDP
 
@@ -217,7 +218,8 @@ def push_pole(pushes, *, state=(0.0, 0.0, 0.04, 0.0), hold=4):
 
 def _cart_pole(rng):
     """gymnasium's CartPole without its wrappers, seeded from rng."""
-    import gymnasium
+    with extra("gym"):
+        import gymnasium
 
     env = gymnasium.make("CartPole-v1").unwrapped
     if rng is not None:

@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
 
+from rlcore.core.extras import extra
 from rlcore.exercises import CHAPTERS, EXERCISES
 from rlcore.exercises.notebook import write
 
@@ -38,8 +39,9 @@ def main(arguments=None):
 
 def results(path):
     """(notebook, id, status, message) of every exercise that the notebook checks, by running it."""
-    import nbformat
-    from nbclient import NotebookClient
+    with extra("exercises"):
+        import nbformat
+        from nbclient import NotebookClient
 
     notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as folder:

@@ -12,12 +12,16 @@ import re
 import sys
 from collections import Counter
 
-import matplotlib as mpl
-import matplotlib.figure
-import matplotlib.pyplot as plt
 import numpy as np
-from cycler import cycler
-from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
+
+from rlcore.core.extras import extra
+
+with extra("plots"):
+    import matplotlib as mpl
+    import matplotlib.figure
+    import matplotlib.pyplot as plt
+    from cycler import cycler
+    from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
 
 # Okabe and Ito's colours (2008), the pale ones darkened: each has a contrast of 3:1 or more on white.
 PALETTE = {
@@ -182,7 +186,8 @@ def encode(fig, fmt="svg", *, dpi=150):
         return "image/svg+xml", _small_svg(out.getvalue().decode()).encode()
     if fmt != "png":
         raise ValueError(f'fmt={fmt!r}; allowed are "svg" and "png"')
-    from PIL import Image
+    with extra("plots"):
+        from PIL import Image
 
     fig.savefig(out, format="png", dpi=dpi)
     plt.close(fig)

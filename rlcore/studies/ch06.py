@@ -3,6 +3,7 @@
 import numpy as np
 
 from rlcore.core.checks import check_count, check_rng
+from rlcore.core.extras import extra
 
 
 def load_digits_28(*, size=28, n_train=1500, rng):
@@ -12,7 +13,8 @@ def load_digits_28(*, size=28, n_train=1500, rng):
     Returns x_train (n_train, size * size) float32 in [0, 1], labels_train (n_train,), x_test, labels_test.
     Source: Alpaydin and Kaynak (1998), UCI; scikit-learn's load_digits.
     """
-    from sklearn.datasets import load_digits
+    with extra("digits"):
+        from sklearn.datasets import load_digits
 
     size, n_train, rng = check_count("size", size, least=2), check_count("n_train", n_train), check_rng(rng)
     data = load_digits()
