@@ -393,15 +393,12 @@ def elementwise(*others, kind=finite):
     """The rule of a number, or of an array that fits to the arguments `others`, number by number."""
 
     def rule(name, values, given):
-        if is_number(values) and -HUGE <= values <= HUGE:
-            return values
-        values = kind(name, values)
-        shapes = [np.shape(given[other]) for other in others]
+        array, shapes = kind(name, values), [np.shape(given[other]) for other in others]
         try:
-            np.broadcast_shapes(values.shape, *shapes)
+            np.broadcast_shapes(array.shape, *shapes)
         except ValueError:
-            raise ValueError(f"{name}: got shape {values.shape}, must fit to {', '.join(map(str, shapes))}") from None
-        return values
+            raise ValueError(f"{name}: got shape {array.shape}, must fit to {', '.join(map(str, shapes))}") from None
+        return array if array.ndim else values
 
     return rule
 
