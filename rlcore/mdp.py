@@ -33,7 +33,6 @@ from rlcore.core.outcomes import (
 from rlcore.core.sampling import Sampler, cumulative, draw, step
 from rlcore.core.worlds import act, reset
 
-
 _state_of_self = index(lambda given: given["self"].n_states)
 
 

@@ -332,7 +332,7 @@ def count(least=1, most=LARGEST):
     return lambda name, value, given: check_count(name, value, least, most)
 
 
-def times(*others):
+def sized(*others):
     """The rule of a count that multiplies the entries of an array; others: numbers, and names of earlier arguments."""
 
     def rule(name, value, given):

@@ -78,7 +78,7 @@ def run_loop(loop, world, *args, rng):
 
 
 def _interpreted(loop, **changes):
-    """The Python body of a compiled function, and of those that it calls, with other globals, and formulas unchecked."""
+    """The Python body of a compiled function, and of those that act for it, with other globals, formulas unchecked."""
     body = getattr(loop, "__wrapped__", None) or getattr(loop, "py_func", loop)
     names = body.__globals__ | changes
     for name in names.keys() & set(body.__code__.co_names):
