@@ -465,7 +465,7 @@ RULES = {
     "alpha": check_rate,
     **rules(check_probability, "gamma lam gamma_lam epsilon slip stop jerk"),
     **rules(check_positive, "tol lr"),
-    **rules(check_finite, "unseen reward"),
+    **rules(check_finite, "unseen unvisited reward"),
     **rules(count(), "n n_states n_actions n_steps n_episodes n_iter n_runs max_iter max_steps T depth n_rows n_cols"),
     **rules(count(), "n_sweeps max_sweeps n_updates horizon n_candidates hold"),
     **rules(count(0), "record"),
