@@ -10,8 +10,7 @@ from rlcore.core.checks import (
     check_rate,
     checked,
     choice,
-    finite,
-    rule_of,
+    elementwise,
     show,
     takes_none,
 )
@@ -41,7 +40,7 @@ def _dutch_rate(name, alpha, given):
     return check_rate(name, alpha) if kind in ("dutch", PRINTED) or alpha is not None else None
 
 
-@checked(e=rule_of(finite), visited=rule_of(as_flags), kind=choice(*TRACES, PRINTED), alpha=_dutch_rate)
+@checked(e=elementwise(), visited=elementwise("e", kind=as_flags), kind=choice(*TRACES, PRINTED), alpha=_dutch_rate)
 def trace_update(e, visited, gamma_lam, kind, alpha=None):
     """The trace after one step, from the trace e before it. eq-34, eq-35, om-state-traces, om-indicator, fig-26
 
