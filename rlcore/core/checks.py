@@ -35,24 +35,31 @@ def checked(function=None, /, **special):
 
 def checker(function, special):
     """A function of the same arguments that returns them as they come out of their rules, {name: value}."""
-    signature = inspect.signature(function)
-    rules = []
-    for name, parameter in signature.parameters.items():
+    signature, empty = inspect.signature(function), inspect.Parameter.empty
+    rules, defaults = [], {name: parameter.default for name, parameter in signature.parameters.items()}
+    places = [name for name, p in signature.parameters.items() if p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
+    for name, default in defaults.items():
         rule = special.get(name, RULES.get(name))
         if rule is None and name != "self":
             raise TypeError(f"{function.__qualname__}: no rule for the argument {name}")
-        rules.append((name, rule, parameter.default is None))
+        rules.append((name, rule, default is None and not hasattr(rule, "takes_none")))
 
     def check(*args, **kwargs):
-        try:
-            bound = signature.bind(*args, **kwargs)
-        except TypeError as error:
-            raise TypeError(f"{function.__qualname__}() {error}") from None
-        bound.apply_defaults()
-        given = bound.arguments
+        given = defaults.copy()  # signature.bind does the same, three times as slowly
+        given.update(zip(places, args))
+        given.update(kwargs)
+        if (
+            len(args) > len(places)
+            or len(given) > len(defaults)
+            or (kwargs and not kwargs.keys().isdisjoint(places[: len(args)]))
+        ):
+            signature.bind(*args, **kwargs)  # raises TypeError
         for name, rule, optional in rules:
-            if rule is not None and not (optional and given[name] is None and not hasattr(rule, "takes_none")):
-                given[name] = rule(name, given[name], given)
+            value = given[name]
+            if value is empty:
+                raise TypeError(f"{function.__name__}() is missing the argument {name}")
+            if rule is not None and not (optional and value is None):
+                given[name] = rule(name, value, given)
         return given
 
     return check
