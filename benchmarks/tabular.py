@@ -112,8 +112,6 @@ def ours(method, world, settings):
     else:
         settings["max_steps"] = MAX_STEPS
     first += [settings.pop(name) for name in ("gamma", "lam") if name in settings]
-    if method != "dyna_q":
-        settings["record"] = 0
     function = getattr({"td_lambda": traces, "dyna_q": planning}.get(method, td), method)
 
     def learn(n_episodes):

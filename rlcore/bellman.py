@@ -138,7 +138,8 @@ def newton_optimality(mdp, gamma, n_iter, *, V0=0.0):
     """
     V, history = V0, [V0]
     for _ in range(n_iter):
-        P, _ = chain(mdp, greedy(q_from_v(mdp, V, gamma)))
+        pi = greedy(q_from_v(mdp, V, gamma))
+        P, _ = chain(mdp, pi)
         V = V + solve_system(P, optimality_backup(mdp, V, gamma) - V, gamma, mdp.terminal)
         history.append(V)
     return np.array(history)

@@ -108,7 +108,8 @@ def value_iteration(mdp, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=10
         V, n = V_new, n + 1
         _keep(history, V, n, record)
     Q, bound = q_from_v(mdp, V, gamma), error_bound(mdp, V, gamma)
-    return Solution(V, Q, greedy(Q), n, bool(delta < tol), bound, _kept(history, record))
+    pi = greedy(Q)
+    return Solution(V, Q, pi, n, bool(delta < tol), bound, _kept(history, record))
 
 
 @compiled

@@ -197,7 +197,8 @@ def n_step_td(world, pi, gamma, n, n_episodes, *, alpha, online=True, V0=0.0, ma
     for k in range(n_episodes):
         s, t, done, step = reset(world, rng), 0, False, at(alpha, k)
         while not done:
-            s_next, r, terminated, truncated = act(world, s, draw(pi[s], rng), rng)
+            a = draw(pi[s], rng)
+            s_next, r, terminated, truncated = act(world, s, a, rng)
             states[t % n], rewards[t % n] = s, r
             returns[k] += r
             t += 1

@@ -40,7 +40,8 @@ def td0(world, pi, gamma, n_episodes, *, alpha, V0=0.0, max_steps=None, record=0
     for k in range(n_episodes):
         s, done = reset(world, rng), False
         while not done:
-            s_next, r, terminated, truncated = act(world, s, draw(pi[s], rng), rng)
+            a = draw(pi[s], rng)
+            s_next, r, terminated, truncated = act(world, s, a, rng)
             V[s] += at(alpha, N[s]) * td_error(r, V[s], V[s_next], gamma, terminated)  # eq-19
             N[s] += 1
             returns[k] += r

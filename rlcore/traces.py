@@ -154,7 +154,8 @@ def td_lambda(
         e[live[:n]] = 0.0
         n = 0
         while not done:
-            s_next, r, terminated, truncated = act(world, s, draw(pi[s], rng), rng)
+            a = draw(pi[s], rng)
+            s_next, r, terminated, truncated = act(world, s, a, rng)
             delta = td_error(r, V[s], V[s_next], gamma, terminated)  # eq-36
             n = visit(e, live, n, s, keep)  # eq-35
             n = credit(change, e, live, n, step * delta, gamma * lam)  # eq-37, eq-34
@@ -182,7 +183,8 @@ def true_online_td_lambda(world, pi, gamma, lam, n_episodes, *, alpha, V0=0.0, m
         e[live[:n]] = 0.0
         n, V_old = 0, V[s]
         while not done:
-            s_next, r, terminated, truncated = act(world, s, draw(pi[s], rng), rng)
+            a = draw(pi[s], rng)
+            s_next, r, terminated, truncated = act(world, s, a, rng)
             V_s, V_next = V[s], V[s_next] * (not terminated)
             delta = td_error(r, V_s, V_next, gamma)  # eq-36
             n = visit(e, live, n, s, 1 - step)  # eq-35

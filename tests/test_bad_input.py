@@ -1,6 +1,7 @@
 """Bad input: each call raises a ValueError that names the argument, shows what came and says what is allowed."""
 
 import re
+from fractions import Fraction
 
 import gymnasium as gym
 import numpy as np
@@ -9,14 +10,18 @@ from worlds import awkward, loop, stay_or_go
 
 from rlcore import bellman, dp, envs, mdp, td, traces
 from rlcore.batch import batch_td
-from rlcore.core.checks import check_rate
+from rlcore.core.checks import anything, as_floats, check_count, check_rate, checked
+from rlcore.core.learner import learner
 from rlcore.core.schedules import check_schedule, decaying
 from rlcore.mdp import FiniteMDP, uniform_policy
+from rlcore.monte_carlo import mc_prediction
+from rlcore.nstep import n_step_td
+from rlcore.planning import dyna_q
 from rlcore.policies import softmax_policy
 from rlcore.policy_gradient import gradient_ascent
 from rlcore.reinforce import reinforce
 from rlcore.solver import solve
-from rlcore.studies.ch02 import cost_of_a_sweep
+from rlcore.studies.ch02 import cost_of_a_sweep, td0_groups
 from rlcore.studies.ch03 import reinforce_linear, spread_updates
 from rlcore.studies.ch07 import bluff_learning
 
@@ -202,7 +207,7 @@ CASES = {
         "(s=0, a=2)",
     ),
     "policy in words": (lambda: bellman.is_proper(ROBOT, "uniform"), "pi: got 'uniform'", "numbers"),
-    "no policy": (lambda: bellman.policy_matrix(ROBOT, None), "pi: got shape ()", "(2, 3)"),
+    "no policy": (lambda: bellman.policy_matrix(ROBOT, None), "pi: got None", "numbers"),
     "actions of a wrong length": (lambda: mdp.deterministic_policy(ROBOT, [0]), "actions: got shape (1,)", "(2,)"),
     "actions that are floats": (lambda: mdp.deterministic_policy(ROBOT, [0.0, 1.0]), "actions: got dtype", "integers"),
     "action out of range": (lambda: mdp.deterministic_policy(ROBOT, [0, 3]), "actions: got 0..3", "0..2"),
@@ -351,7 +356,19 @@ def test_rng_is_required():
         lambda: mdp.sample_returns(ROBOT, PI, 0.9, 2, s=0, max_steps=3),
         lambda: envs.random_mdp(3, 2),
     ):
-        with pytest.raises(TypeError, match="required keyword-only argument: 'rng'"):
+        with pytest.raises(TypeError, match=r"^\w+\(\) missing .*required .*argument: 'rng'"):
+            call()
+
+
+def test_a_learner_that_is_called_amiss_says_its_name():
+    for call, says in (
+        (lambda: td.td0(ROBOT, PI, 0.9, 1, rng=RNG), r"td0\(\) missing a required argument: 'alpha'"),
+        (lambda: td.td0(ROBOT, PI, 0.9, 1, 0.1, rng=RNG), r"td0\(\) too many positional arguments"),
+        (lambda: td.q_learning(ROBOT, pi=PI), r"q_learning\(\) missing a required argument: 'gamma'"),
+        (lambda: td.td0(ROBOT, PI, 0.9, 1, alpha=0.1, groups=[0, 0], rng=RNG), r"td0\(\) got an unexpected .*'groups'"),
+        (lambda: dp.value_iteration(ROBOT, gama=0.9), r"value_iteration\(\) .*'gam"),
+    ):
+        with pytest.raises(TypeError, match=f"^{says}"):
             call()
 
 
@@ -370,13 +387,13 @@ def test_good_input_of_unusual_types_is_accepted():
 @pytest.mark.parametrize("value", ["fast", None, 0.0, 1.5, True])
 def test_a_step_size_that_is_no_number_is_refused(value):
     with pytest.raises(ValueError, match=f"^alpha: got {value!r}, must be in \\(0, 1\\]"):
-        check_rate(value)
+        check_rate("alpha", value)
 
 
-NO_NUMBERS = [True, np.True_, "1", None, [1.0]]
+NO_NUMBERS = [True, np.True_, "1", None, [1.0], 1j]
 TAKES_A_NUMBER = {
     "gamma": lambda x: mdp.check_gamma(x),
-    "n": lambda x: mdp.check_count("n", x),
+    "n": lambda x: check_count("n", x),
     "s": lambda x: ROBOT.p(0, 0.0, x, 0),
     "tol": lambda x: dp.value_iteration(ROBOT, 0.9, tol=x),
     "tol of ties": lambda x: bellman.greedy_actions(np.zeros((1, 2)), tol=x),
@@ -385,8 +402,14 @@ TAKES_A_NUMBER = {
     "alpha": lambda x: check_schedule("alpha", x),
     "epsilon": lambda x: check_schedule("epsilon", x),
     "first": lambda x: decaying(x),
-    "rate, power": lambda x: decaying(1.0, rate=x),
-    "rate, power of power": lambda x: decaying(1.0, power=x),
+    "rate": lambda x: decaying(1.0, rate=x),
+    "power": lambda x: decaying(1.0, power=x),
+    "floor": lambda x: decaying(1.0, floor=x),
+    "alpha of TD": lambda x: td.td0(ROBOT, PI, 0.9, 1, alpha=x, max_steps=3, rng=RNG),
+    "lam": lambda x: traces.td_lambda(ROBOT, PI, 0.9, x, 1, alpha=0.1, max_steps=3, rng=RNG),
+    "n_episodes": lambda x: td.td0(ROBOT, PI, 0.9, x, alpha=0.1, max_steps=3, rng=RNG),
+    "kappa": lambda x: dyna_q(ROBOT, 0.9, 1, n_planning=1, alpha=0.1, epsilon=0.1, kappa=x, max_steps=3, rng=RNG),
+    "w0": lambda x: td0_groups(ROBOT, PI, 0.9, 1, groups=[0, 0], alpha=0.1, w0=x, max_steps=3, rng=RNG),
     "concentration": lambda x: envs.random_mdp(2, 2, concentration=x, rng=RNG),
     "n_states": lambda x: cost_of_a_sweep(x),
     "alpha of bluffs": lambda x: bluff_learning(0.5, 0.4, 1, alpha=x),
@@ -401,8 +424,88 @@ TAKES_A_NUMBER = {
 @pytest.mark.parametrize("name", TAKES_A_NUMBER)
 def test_what_is_no_number_is_refused(name, value):
     argument = name.partition(" of ")[0]
-    with pytest.raises(ValueError, match=rf"^{argument}[:,].*must be"):
+    with pytest.raises(ValueError, match=rf"^{argument}: .*must be"):
         TAKES_A_NUMBER[name](value)
+
+
+@pytest.mark.parametrize("values", ["1", None, True, 1j, [1.0, None], ["1", "2"], [True, False], [[1.0], [1.0, 2.0]]])
+def test_what_are_no_numbers_are_refused(values):
+    for name, call in {
+        "V": lambda: bellman.q_from_v(ROBOT, values, 0.9),
+        "V0": lambda: td.td0(ROBOT, PI, 0.9, 1, alpha=0.1, V0=values, max_steps=3, rng=RNG),
+        "Q0": lambda: td.q_learning(ROBOT, 0.9, 1, alpha=0.1, epsilon=0.1, Q0=values, max_steps=3, rng=RNG),
+        "pi": lambda: td.td0(ROBOT, values, 0.9, 1, alpha=0.1, max_steps=3, rng=RNG),
+        "rewards": lambda: mdp.discounted_returns(values, 0.9),
+        "reward": arrays(reward=values),
+        "R": from_arrays(np.ones((1, 1, 1)), values),
+        "P": from_arrays(values, 0.0),
+        "x": lambda: as_floats("x", values),
+    }.items():
+        with pytest.raises(ValueError, match=rf"^{name}: got .*, must be numbers"):
+            call()
+
+
+def test_numbers_of_any_kind_are_taken_for_numbers():
+    for values in ([1, 2.5], (1, 2), [Fraction(1, 2), 3], np.array([1, 2], np.uint8), [], np.float32(3), 7):
+        found = as_floats("x", values)
+        assert found.dtype == np.float64 and found.tolist() == np.array(values).tolist()
+    x = np.array([1.0, 2.0])
+    assert as_floats("x", x) is x
+
+
+@pytest.mark.parametrize("value", [0, 1, 1.0, "yes", None, [True], np.array([True, False])], ids=repr)
+def test_a_flag_is_true_or_false(value):
+    step = dict(alpha=0.1, max_steps=3, rng=RNG)
+    for name, call in {
+        "first_visit": lambda: mc_prediction(ROBOT, PI, 0.9, 1, first_visit=value, max_steps=3, rng=RNG),
+        "online": lambda: traces.td_lambda(ROBOT, PI, 0.9, 0.5, 1, online=value, **step),
+        "in_place": lambda: dp.value_iteration(ROBOT, 0.9, in_place=value),
+        "per_step": lambda: decaying(1.0, per_step=value),
+    }.items():
+        with pytest.raises(ValueError, match=rf"^{name}: got .*, must be True or False"):
+            call()
+    assert decaying(1.0, per_step=np.True_).per_step is True
+
+
+@pytest.mark.parametrize("value", [10**9 + 1, 1e12, 2**70, inf], ids=repr)
+def test_a_count_is_at_most_a_thousand_million(value):
+    says = "of at least" if value == inf else "of at most 1,000,000,000"
+    step = dict(alpha=0.1, rng=RNG)
+    for name, call in {
+        "n_episodes": lambda: td.td0(ROBOT, PI, 0.9, value, max_steps=3, **step),
+        "max_steps": lambda: td.td0(ROBOT, PI, 0.9, 1, max_steps=value, **step),
+        "record": lambda: td.td0(ROBOT, PI, 0.9, 1, max_steps=3, record=value, **step),
+        "n": lambda: n_step_td(ROBOT, PI, 0.9, value, 1, max_steps=3, **step),
+        "n_planning": lambda: dyna_q(ROBOT, 0.9, 1, n_planning=value, epsilon=0.1, max_steps=3, **step),
+        "max_iter": lambda: dp.value_iteration(ROBOT, 0.9, max_iter=value),
+    }.items():
+        with pytest.raises(ValueError, match=rf"^{name}: got .*, must be a whole number {says}"):
+            call()
+    assert check_count("n", 1e9) == 10**9
+
+
+@pytest.mark.parametrize("value", [1.5, -0.1, nan, inf])
+def test_a_floor_is_a_probability(value):
+    with pytest.raises(ValueError, match=rf"^floor: got {value}, must be a number in \[0, 1\]"):
+        decaying(1.0, floor=value)
+
+
+def test_an_argument_without_a_rule_is_refused_where_it_is_written():
+    with pytest.raises(TypeError, match=r"<lambda>: no rule for the argument colour$"):
+        checked(lambda gamma, colour: None)
+    with pytest.raises(TypeError, match="no rule for the argument colour"):
+
+        @learner(tuple)
+        def paint(world, gamma, colour, *, rng):
+            return (colour,)
+
+    def shade(gamma, colour, *, depth=None):
+        return gamma, colour, depth
+
+    assert checked(colour=anything)(shade)(1, "red") == (1.0, "red", None)
+    assert checked(shade, colour=anything)(0.5, None, depth=2.0) == (0.5, None, 2)
+    with pytest.raises(ValueError, match="^depth: got 0, must be a whole number of at least 1"):
+        checked(shade, colour=anything)(0.5, None, depth=0)
 
 
 @pytest.mark.parametrize("value", [True, [1.0], ("value",)])

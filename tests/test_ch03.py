@@ -80,7 +80,7 @@ def test_factors_multiply_to_the_probability():
 
 def test_value_iteration_figure_marks_sweep_k_on_the_error():
     errors = 0.5 ** np.arange(30.0)
-    V = value_iteration(gridworld(), 0.5).history[2]
+    V = value_iteration(gridworld(), 0.5, record=1).history[2]
     fig = plots.value_iteration_progress(V, (4, 4), errors, 0.5, 3)
     mark = fig.axes[1].lines[-1]
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (3, 0.125)

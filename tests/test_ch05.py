@@ -6,7 +6,6 @@ import sys
 import numpy as np
 import pytest
 
-from rlcore import nstep as returns
 from rlcore.bellman import solve_policy
 from rlcore.envs import MDPEnv, random_walk, short_corridor
 from rlcore.nstep import n_step_return, n_step_td
@@ -39,14 +38,14 @@ def test_a_horizon_maximises_nothing():
     exact, runs = solve_policy(corridor, pi, 1.0), {}
     assert exact[0] == pytest.approx(-12)
     for n in (1, 3, 10):
-        runs[n] = n_step_td(corridor, pi, 1.0, n, 3000, alpha=0.02, rng=np.random.default_rng(0))
+        runs[n] = n_step_td(corridor, pi, 1.0, n, 3000, alpha=0.02, record=1, rng=np.random.default_rng(0))
         np.testing.assert_array_equal(runs[n].lengths, runs[1].lengths)
         np.testing.assert_allclose(runs[n].history[1000:].mean(axis=0), exact, atol=1.0)  # 20 seeds: 0.61
 
 
 def test_n_step_methods_are_short_and_good():
-    """cl-066: 23 lines with two buffers of n entries; on the 19 states n = 4 beats both ends."""
-    code, sizes = inspect.unwrap(returns._n_step_td).__code__, []
+    """cl-066: 22 lines with two buffers of n entries; on the 19 states n = 4 beats both ends."""
+    code, sizes = inspect.unwrap(n_step_td.loop).__code__, []
     assert len({line for _, _, line in code.co_lines() if line}) <= 25
 
     def note(frame, event, arg):
@@ -64,7 +63,7 @@ def test_n_step_methods_are_short_and_good():
     walk, truth, errors = random_walk(19), np.arange(1, 20) / 10 - 1, {}
     for n, alpha, expected in ((1, 0.8, 0.344), (4, 0.4, 0.259), (512, 0.02, 0.492)):
         run_of = repeat(
-            n_step_td, walk, np.ones((21, 1)), 1.0, n, 10, alpha=alpha, max_steps=100_000, n_runs=100,
+            n_step_td, walk, np.ones((21, 1)), 1.0, n, 10, alpha=alpha, max_steps=100_000, record=1, n_runs=100,
             rng=np.random.default_rng(0),
         )  # fmt: skip
         errors[n] = np.mean([walk_error(run.history[1:], truth).mean() for run in run_of])

@@ -48,19 +48,20 @@ def results():
         found[f"sample_transitions {name}"] = list(vars(sample_transitions(m, pi, 100, rng=rng)).values())
         for in_place in (False, True):
             solutions = [
-                dp.policy_evaluation(m, pi, 0.9, in_place=in_place, V0=1.0, tol=1e-4),
-                dp.value_iteration(m, 0.9, in_place=in_place, V0=-1.0, tol=1e-4),
+                dp.policy_evaluation(m, pi, 0.9, in_place=in_place, V0=1.0, tol=1e-4, record=1),
+                dp.value_iteration(m, 0.9, in_place=in_place, V0=-1.0, tol=1e-4, record=1),
             ]
             for k, x in enumerate(solutions):
                 found[f"sweeps {k} {in_place} {name}"] = [x.V, x.Q, x.pi, x.history, [x.n_iter, x.bound, x.converged]]
         for gamma, tol in ((0.5, 1e-9), (0.9, 1e-4)):
             x = solve(m, gamma, tol=tol)
             found[f"solve {gamma} {name}"] = [x.V, x.Q, x.pi, [x.n_iter, x.bound]]
-        x = dp.policy_iteration(m, 0.9)
+        x = dp.policy_iteration(m, 0.9, record=1)
         found[f"policy_iteration {name}"] = [x.V, x.pi, x.history]
-    found["gambler"] = [dp.value_iteration(gambler(0.4, goal=20), 1.0).history]
-    run = dyna_q(dyna_maze(), 0.95, 4, n_planning=5, alpha=0.1, epsilon=0.1, rng=np.random.default_rng(3))
-    found["dyna_q"] = [run.Q, run.returns, run.lengths]
+    found["gambler"] = [dp.value_iteration(gambler(0.4, goal=20), 1.0, record=1).history]
+    run = dyna_q(dyna_maze(), 0.95, 4, n_planning=5, alpha=0.1, epsilon=0.1, record=1, rng=np.random.default_rng(3))
+    found["dyna_q"] = [run.Q, run.returns, run.lengths, run.history, run.visits, run.model.next_state, run.model.reward]
+    assert not [name for name, arrays in found.items() if any(np.asarray(x).dtype == object for x in arrays)]
     return found
 
 

@@ -1,5 +1,7 @@
 """Dynamic programming: published runs, exact values, stopping rules and certified bounds."""
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -45,7 +47,7 @@ def frozen_lake(name="4x4"):
 def test_sweeps_of_figure_4_1():
     """Sutton and Barto (2018), figure 4.1, left column: after 0, 1, 2, 3, 10 sweeps."""
     grid = gridworld()
-    found = policy_evaluation(grid, uniform_policy(grid), 1.0, tol=1e-4)
+    found = policy_evaluation(grid, uniform_policy(grid), 1.0, tol=1e-4, record=1)
     for k, expected in REFERENCE["gridworld4x4.sweeps"]["value"].items():
         assert_allclose(found.history[int(k)], expected, atol=1e-9)
     assert_array_equal(found.history[0], 0.0)
@@ -66,8 +68,9 @@ def test_sweeps_are_backups(in_place):
     """Two arrays: the whole old one; in place: states in order, each from the newest values."""
     m, gamma = awkward(), 0.9
     pi = uniform_policy(m)
-    found = policy_evaluation(m, pi, gamma, V0=1.5, in_place=in_place, max_iter=4)
-    best = value_iteration(m, gamma, V0=1.5, in_place=in_place, max_iter=4)
+    options = dict(V0=1.5, in_place=in_place, max_iter=4, record=1)
+    found, best = policy_evaluation(m, pi, gamma, **options), value_iteration(m, gamma, **options)
+    assert len(found.history) == len(best.history) == 5
     assert_array_equal(found.history[0], np.where(m.terminal, 0.0, 1.5))
     for history, backup in ((found.history, lambda q: v_from_q(q, pi)), (best.history, lambda q: q.max(axis=1))):
         for V, V_next in zip(history, history[1:]):
@@ -161,7 +164,7 @@ def test_improvement_margin_is_relative_and_small():
 @pytest.mark.parametrize("action", range(4))
 def test_policy_iteration_takes_four_iterations_on_the_4x4_grid(action):
     grid = gridworld()
-    found = policy_iteration(grid, 0.9, pi0=deterministic_policy(grid, np.full(16, action)))
+    found = policy_iteration(grid, 0.9, pi0=deterministic_policy(grid, np.full(16, action)), record=1)
     assert found.n_iter == 4 and found.converged
     assert (np.diff(found.history[1:], axis=0) >= -1e-12).all()  # v_pi never falls
     assert_allclose(found.history[-1], -(1 - 0.9**-STEPS) / 0.1)
@@ -171,7 +174,7 @@ def test_policy_iteration_takes_four_iterations_on_the_4x4_grid(action):
 def test_policy_iteration_stops_where_it_is_told():
     grid = gridworld()
     left = deterministic_policy(grid, np.full(16, 3))
-    found = policy_iteration(grid, 0.9, pi0=left, max_iter=3)
+    found = policy_iteration(grid, 0.9, pi0=left, max_iter=3, record=1)
     assert found.n_iter == 3 and not found.converged and found.history.shape == (4, 16)
     assert policy_iteration(grid, 0.9, pi0=left, max_iter=4).converged
     first = policy_iteration(grid, 0.9, pi0=left, max_iter=1)
@@ -181,10 +184,30 @@ def test_policy_iteration_stops_where_it_is_told():
     assert first.bound >= np.abs(first.V - policy_iteration(grid, 0.9).V).max()
 
 
+@pytest.mark.parametrize("in_place", [False, True])
+def test_record_thins_the_history_and_changes_nothing(in_place):
+    m = random_mdp(12, 3, rng=np.random.default_rng(5))
+    pi, fields = uniform_policy(m), ("V", "Q", "pi", "n_iter", "converged", "bound")
+    for method in (
+        partial(policy_evaluation, m, pi, 0.9, in_place=in_place, V0=1.0),
+        partial(value_iteration, m, 0.9, in_place=in_place, V0=1.0),
+        partial(policy_iteration, m, 0.9),
+    ):
+        full, thin, none, plain = method(record=1), method(record=3), method(record=0), method()
+        assert_array_equal(full.history[::3], thin.history)
+        assert len(full.history) == full.n_iter + 1 and none.history is None and plain.history is None
+        assert_array_equal(full.history[-1], full.V)
+        for found in (thin, none, plain):
+            assert all(np.array_equal(getattr(found, name), getattr(full, name)) for name in fields)
+        for wrong in (-1, 0.5, None, True):
+            with pytest.raises(ValueError, match="^record: got .*, must be a whole number of at least 0"):
+                method(record=wrong)
+
+
 def test_policy_iteration_is_newtons_method():
     m = random_mdp(12, 3, rng=np.random.default_rng(5))
     start = policy_improvement(m, 0.0, 0.9)
-    found = policy_iteration(m, 0.9, pi0=start)
+    found = policy_iteration(m, 0.9, pi0=start, record=1)
     assert_allclose(found.history[1:], newton_optimality(m, 0.9, found.n_iter)[1:], atol=1e-11)
 
 
@@ -194,7 +217,7 @@ def test_few_policy_iterations_against_many_sweeps(gamma):
     for seed in range(3 if gamma < 0.99 else 1):
         m = random_mdp(20, 4, rng=np.random.default_rng(seed))
         assert 2 <= policy_iteration(m, gamma).n_iter <= 4
-        found = value_iteration(m, gamma)
+        found = value_iteration(m, gamma, record=1)
         sweeps = np.log(1e-8 / np.abs(found.history[1]).max()) / np.log(gamma)
         assert 0.9 * sweeps <= found.n_iter <= sweeps + 2
 
@@ -228,7 +251,7 @@ def test_jacks_car_rental():
     """Figure 4.2: the policies pi_0 to pi_4 and the values, exact Poisson tails."""
     m = jacks_car_rental()
     pi0 = deterministic_policy(m, np.full(441, 5))
-    found = policy_iteration(m, 0.9, pi0=pi0)
+    found = policy_iteration(m, 0.9, pi0=pi0, record=1)
     assert_array_equal(found.pi.argmax(axis=1).reshape(21, 21) - 5, published("jacks.policy")[0])
     corners = REFERENCE["jacks.corner_values"]["value"]
     assert_allclose(found.V[[0, 440, 220]], [corners["v00"], corners["v20_20"], corners["v10_10"]], atol=1e-6)
@@ -303,7 +326,7 @@ def test_value_iteration_contracts_from_any_start(gamma):
     m, rng = recycling_robot(), np.random.default_rng(0)
     v = policy_iteration(m, gamma).V
     for _ in range(100):
-        found = value_iteration(m, gamma, V0=rng.normal(scale=50, size=2))
+        found = value_iteration(m, gamma, V0=rng.normal(scale=50, size=2), record=1)
         error = np.abs(found.history - v).max(axis=1)
         assert (error <= gamma ** np.arange(error.size) * error[0] + 1e-12).all()
         assert_allclose(found.V, v, atol=1e-7)

@@ -242,10 +242,10 @@ def check_bound(found, exact):
 def test_errors_lie_within_the_bounds(mdp, gamma, seed, in_place, max_iter):
     pi, V0 = policy(mdp, seed, sharp=True), values(mdp, seed)
     v, best = solve_policy(mdp, pi, gamma), newton_optimality(mdp, gamma, 30)[-1]
-    for how in (dict(max_iter=max_iter, tol=1e-9), dict(max_iter=300, tol=1.0)):
+    for how in (dict(max_iter=max_iter, tol=1e-9, record=1), dict(max_iter=300, tol=1.0, record=1)):
         check_bound(policy_evaluation(mdp, pi, gamma, V0=V0, in_place=in_place, **how), v)
         check_bound(value_iteration(mdp, gamma, V0=V0, in_place=in_place, **how), best)
-    early = policy_iteration(mdp, gamma, pi0=pi, max_iter=1 + max_iter % 3)
+    early = policy_iteration(mdp, gamma, pi0=pi, max_iter=1 + max_iter % 3, record=1)
     check_bound(early, best)
     assert_array_equal(early.history[1], v)
     assert np.abs(V0 - best).max() <= error_bound(mdp, V0, gamma) + 1e-11
@@ -258,12 +258,12 @@ def test_errors_lie_within_the_bounds(mdp, gamma, seed, in_place, max_iter):
 def test_errors_lie_within_the_bounds_at_gamma_1(mdp, seed, in_place, max_iter):
     pi, V0 = policy(mdp, seed), values(mdp, seed)
     v, best = solve_policy(mdp, pi, 1.0), policy_iteration(mdp, 1.0).V
-    for how in (dict(max_iter=max_iter, tol=1e-9), dict(max_iter=200, tol=1.0)):
+    for how in (dict(max_iter=max_iter, tol=1e-9, record=1), dict(max_iter=200, tol=1.0, record=1)):
         check_bound(policy_evaluation(mdp, pi, 1.0, V0=V0, in_place=in_place, **how), v)
         check_bound(value_iteration(mdp, 1.0, V0=V0, in_place=in_place, **how), best)
     assert np.abs(V0 - best).max() <= error_bound(mdp, V0, 1.0) + 1e-11
     assert np.isfinite(error_bound(mdp, V0, 1.0)) and error_bound(mdp, best, 1.0) < 1e-9
-    check_bound(policy_iteration(mdp, 1.0, pi0=pi, max_iter=1), best)
+    check_bound(policy_iteration(mdp, 1.0, pi0=pi, max_iter=1, record=1), best)
 
 
 @prop(40)

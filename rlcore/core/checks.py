@@ -44,7 +44,10 @@ def checker(function, special):
         rules.append((name, rule, parameter.default is None))
 
     def check(*args, **kwargs):
-        bound = signature.bind(*args, **kwargs)
+        try:
+            bound = signature.bind(*args, **kwargs)
+        except TypeError as error:
+            raise TypeError(f"{function.__qualname__}() {error}") from None
         bound.apply_defaults()
         given = bound.arguments
         for name, rule, optional in rules:

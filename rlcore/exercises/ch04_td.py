@@ -1040,7 +1040,7 @@ Exercise(
 
 def _sarsa_path(alpha):
     mdp = cliff_walking()
-    run = sarsa(mdp, 1.0, 2000, alpha=alpha, epsilon=0.1, rng=np.random.default_rng(1))
+    run = sarsa(mdp, 1.0, 2000, alpha=alpha, epsilon=0.1, record=1, rng=np.random.default_rng(1))
     Q = run.history[-1000:].mean(axis=0)
     return len(rollout(mdp, greedy(Q), 100, rng=np.random.default_rng(0)).rewards)
 
@@ -1052,9 +1052,9 @@ Exercise(
     statement=r"""
         On the cliff the path along the edge has 13 steps, through the second row 15, along the top row, farthest from the cliff,
         17. The document says that SARSA takes the safest one. Run `sarsa` on `cliff_walking()` with $\gamma = 1$, 2000 episodes,
-        `epsilon=0.1`, `np.random.default_rng(1)`, once with `alpha=0.1` and once with `alpha=0.5`. A single table is restless, so average
-        $Q$ over the last 1000 entries of `run.history`, follow its greedy policy with `rollout` for at most 100 steps, and
-        count. Bind `verdict_path` to `(word, n01, n05)`: `"confirmed"` if both paths have 17 steps, else `"refuted"`, and the two
+        `epsilon=0.1`, `np.random.default_rng(1)`, once with `alpha=0.1` and once with `alpha=0.5`. A single table is restless, so keep
+        the table after every episode (`record=1`), average $Q$ over the last 1000 entries of `run.history`, follow its greedy
+        policy with `rollout` for at most 100 steps, and count. Bind `verdict_path` to `(word, n01, n05)`: `"confirmed"` if both paths have 17 steps, else `"refuted"`, and the two
         numbers of steps.
     """,
     setup="""
@@ -1067,13 +1067,13 @@ Exercise(
     stub="verdict_path = ...",
     cases=lambda rng: [Case({}, ("refuted", _sarsa_path(0.1), _sarsa_path(0.5)))],
     hints=(
-        "`run.history` is `(episodes + 1, S, A)`: `run.history[-1000:].mean(axis=0)` is the averaged table.",
+        "With `record=1`, `run.history` is `(episodes + 1, S, A)`: `run.history[-1000:].mean(axis=0)` is the averaged table.",
         "`len(rollout(mdp, greedy(Q), 100, rng=rng).rewards)` counts the steps to the goal: the rollout ends there.",
     ),
     solution="""
         mdp, steps = cliff_walking(), []
         for alpha in (0.1, 0.5):
-            run = sarsa(mdp, 1.0, 2000, alpha=alpha, epsilon=0.1, rng=np.random.default_rng(1))
+            run = sarsa(mdp, 1.0, 2000, alpha=alpha, epsilon=0.1, record=1, rng=np.random.default_rng(1))
             Q = run.history[-1000:].mean(axis=0)
             steps.append(len(rollout(mdp, greedy(Q), 100, rng=np.random.default_rng(0)).rewards))
         verdict_path = ("refuted" if min(steps) < 17 else "confirmed", *steps)

@@ -102,7 +102,8 @@ def td0_groups(world, pi, gamma, n_episodes, *, groups, alpha, w0=0.0, max_steps
     for k in range(n_episodes):
         s, done = reset(world, rng), False
         while not done:
-            s_next, r, terminated, truncated = act(world, s, draw(pi[s], rng), rng)
+            a = draw(pi[s], rng)
+            s_next, r, terminated, truncated = act(world, s, a, rng)
             g = groups[s]
             w[g] += at(alpha, N[g]) * td_error(r, w[g], w[groups[s_next]], gamma, terminated)  # eq-19
             N[g] += 1
