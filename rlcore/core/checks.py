@@ -168,6 +168,8 @@ def check_function(name, f, of):
 
 def as_floats(name, values):
     """values as a float array; ValueError where they are not numbers."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64:
+        return values
     array = _array(name, values, "numbers")
     if array.dtype.kind == "O" and all(is_number(x) for x in array.flat):
         array = array.astype(float)
@@ -272,19 +274,12 @@ def check_pi(legal, pi):
     return pi
 
 
-def check_values(mdp, V, name="V"):
-    """V as a new (S,) float array, from a number or an array; terminal states get 0."""
-    V = as_floats(name, V)
+def finite_values(mdp, V, name="V"):
+    """V as a new (S,) float array, from a number or an array of finite numbers; terminal states get 0."""
+    V = finite(name, V)
     if V.shape not in ((), (check_mdp(mdp).n_states,)):
         raise ValueError(f"{name}: got shape {V.shape}, must be a number or ({mdp.n_states},)")
-    if np.isnan(V).any():
-        raise ValueError(f"{name}: contains NaN, must be numbers")
     return np.where(mdp.terminal, 0.0, V)
-
-
-def finite_values(mdp, V, name="V"):
-    """As check_values, and every value finite."""
-    return finite(name, check_values(mdp, V, name))
 
 
 def check_q(mdp, Q, name="Q"):
