@@ -62,7 +62,8 @@ def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sw
     s, s_next = batch.s, batch.s_next
 
     def increments(V):
-        return np.bincount(s, td_error(batch.r, V[s], V[s_next], gamma, batch.terminal[s_next]), V.size)  # eq-19
+        delta = td_error.unchecked(batch.r, V[s], V[s_next], gamma, batch.terminal[s_next])
+        return np.bincount(s, delta, V.size)  # eq-19
 
     return _sweep(increments, np.where(batch.terminal, 0.0, V0), alpha, tol, max_sweeps)
 
