@@ -70,10 +70,9 @@ def expected_value(Q, s, epsilon):
 def _acting(name, Q, given):
     """The rule of a Q to act on: a legal action in every state, none worth infinity."""
     Q = table(name, Q, given)
-    if not np.isfinite(Q.max(axis=1)).all():
-        raise ValueError(
-            f"{name}: row {np.flatnonzero(~np.isfinite(Q.max(axis=1)))[0]} has no maximum, must be a number"
-        )
+    best = Q.max(axis=1)
+    if not np.isfinite(best).all():
+        raise ValueError(f"{name}: row {np.flatnonzero(~np.isfinite(best))[0]} has no maximum, must have a finite one")
     return Q
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.bellman import expected_visits, q_from_v, solve_policy
+from rlcore.bellman import expected_visits, finite_v, q_from_v, solve_policy
 from rlcore.core.checks import (
     anything,
     array,
@@ -42,7 +42,7 @@ def objective(mdp, theta, gamma, *, features=None):
     return float(mdp.start @ solve_policy(mdp, softmax_policy(theta, X, legal), gamma))
 
 
-@checked(theta=anything, features=linear)
+@checked(theta=anything, features=linear, V=finite_v)
 def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
     """Gradient of J with respect to theta, (A, d). eq-u-pg-theorem, alg-policy-gradient-exact, fig-50
 
