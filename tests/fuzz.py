@@ -119,11 +119,17 @@ def holds_nan(result, depth=0):
 
 # ---------------------------------------------------------------------- one good call of each
 
-HOLDERS = {  # what functions return or pass on, which no user makes
+HOLDERS = {  # what functions return or pass on, which no user makes or calls
     "batch.Batch", "core.rollouts.Rollout", "core.rollouts.OneEnv", "core.rollouts.Episodes", "core.schedules.Schedule",
     "mdp.Trajectory", "planning.Transitions", "planning.Memory", "reinforce.Baseline", "studies.ch03.Updates",
     "studies.ch04.Update", "studies.ch07.Runs", "studies.figure61.Line", "sweep.Record", "trust_region.OldPolicy",
     "trust_region.Steps", "nstep.values_on_the_way", "traces.kept", "explore.Explorer", "envs.gym.LegalActions",
+    # what algorithms that learn with networks share, called with what they have checked
+    "optimizers.take_step", "core.agents.make_agent", "core.rollouts.collect", "core.rollouts.rollouts",
+    "core.rollouts.make_run", "gae.learning_data", "reinforce.sizes", "reinforce.make_networks",
+    "reinforce.TimeBaseline", "policies.probabilities", "policies.choose", "policies.add_score", "policies.dot",
+    "policies.epsilon_greedy", "policies.max_value", "policies.expected_value", "policy_gradient.softmax_episode",
+    "core.schedules.at", "core.schedules.now",
 }  # fmt: skip
 
 

@@ -87,7 +87,7 @@ def assigned_in_code(function):
 
 
 def missing(wanted, found):
-    """The first of `wanted` that does not come in its turn; None where they all do. What lies between does not matter."""
+    """The first of `wanted` that does not come in its turn; None where they all do, whatever lies between."""
     rest = iter(found)
     return next((name for name in wanted if all(name != other for other in rest)), None)
 

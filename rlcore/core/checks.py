@@ -7,6 +7,7 @@ argument, what came and what is allowed. given: the arguments before it, checked
 import functools
 import inspect
 import math
+from math import isfinite
 from numbers import Real
 
 import numpy as np
@@ -23,11 +24,14 @@ class Model:
 def checked(function=None, /, **special):
     """The function, its arguments checked by name: as RULES says, or as `special` where a name means another thing.
 
-    An argument whose default is None may be None. Raises TypeError at once where an argument has no rule. `unchecked`
-    is the function itself, for loops in which arguments are known to be good.
+    An argument whose default is None may be None. A class: what makes its instances. `unchecked`: the function itself,
+    for loops that know their arguments to be good. Raises TypeError at once where an argument has no rule.
     """
     if function is None:
         return functools.partial(checked, **special)
+    if isinstance(function, type):
+        function.__init__ = checked(function.__init__, **special)
+        return function
     check = checker(function, special)
 
     @functools.wraps(function)
@@ -41,16 +45,16 @@ def checked(function=None, /, **special):
 def checker(function, special):
     """A function of the same arguments that returns them as they come out of their rules, {name: value}."""
     signature = inspect.signature(function)
-    rules = []
-    for name, parameter in signature.parameters.items():
-        rule = special.get(name, RULES.get(name))
-        if rule is None and name not in ("self", "cls"):
-            raise TypeError(f"{function.__qualname__}: no rule for the argument {name}")
-        rules.append((name, rule, parameter.default is None))
     parameters = signature.parameters.values()
     every = {parameter.name: parameter.default for parameter in parameters}
     required = {parameter.name for parameter in parameters if parameter.default is parameter.empty}
     positional = [parameter.name for parameter in parameters if parameter.kind != parameter.KEYWORD_ONLY]
+    rules = []
+    for name, default in every.items():
+        rule = special.get(name, RULES.get(name))
+        if rule is None and name not in ("self", "cls"):
+            raise TypeError(f"{function.__qualname__}: no rule for the argument {name}")
+        rules.append((name, rule, default is None and not hasattr(rule, "takes_none")))
 
     def check(*args, **kwargs):
         given = dict(zip(positional, args)) | kwargs  # signature.bind takes 10 us
@@ -61,7 +65,7 @@ def checker(function, special):
                 raise TypeError(f"{function.__qualname__}() {error}") from None
         given = every | given
         for name, rule, optional in rules:
-            if rule is not None and not (optional and given[name] is None and not hasattr(rule, "takes_none")):
+            if rule is not None and not (optional and given[name] is None):
                 given[name] = rule(name, given[name], given)
         return given
 
@@ -178,6 +182,8 @@ def check_function(name, f, of):
 
 def as_floats(name, values):
     """values as a float array; ValueError where they are not numbers."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64:
+        return values
     array = _array(name, values, "numbers")
     if array.dtype.kind == "O" and all(is_number(x) for x in array.flat):
         array = array.astype(float)
@@ -186,12 +192,31 @@ def as_floats(name, values):
     return array.astype(float, copy=False)
 
 
-def as_integers(name, values):
+def as_integers(name, values, what="integers"):
     """values as an array of integers; ValueError where they are not."""
-    array = _array(name, values, "integers")
+    array = _array(name, values, what)
     if array.size and array.dtype.kind not in "iu":
-        raise ValueError(f"{name}: got dtype {array.dtype}, must be integers")
+        raise ValueError(f"{name}: got dtype {array.dtype}, must be {what}")
     return array.astype(np.int64, copy=False)
+
+
+def check_labels(name, values, n, shape=None, what="integers"):
+    """values as an array of integers in 0..n - 1, at least one, of a shape where one is given."""
+    array = as_integers(name, values, what)
+    if not array.size or (shape is not None and array.shape != shape):
+        raise ValueError(f"{name}: got shape {array.shape}, must be {shape or '(n,), at least one'}")
+    if array.min() < 0 or array.max() >= n:
+        raise ValueError(f"{name}: got {array.min()}..{array.max()}, must be in 0..{n - 1}")
+    return array
+
+
+def as_samples(name, values, dtype):
+    """values as an array of a floating dtype, all of them finite; quick where they are."""
+    if not isinstance(values, np.ndarray) or values.dtype != dtype:
+        values = as_floats(name, values).astype(dtype)
+    if not isfinite(np.vdot(values, values)) and not np.isfinite(values).all():
+        raise ValueError(f"{name}: contains {values[~np.isfinite(values)][0]:g}, must be finite")
+    return values
 
 
 def as_flags(name, values):
@@ -282,19 +307,12 @@ def check_pi(legal, pi, name="pi"):
     return pi
 
 
-def check_values(mdp, V, name="V"):
-    """V as a new (S,) float array, from a number or an array; terminal states get 0."""
-    V = as_floats(name, V)
+def finite_values(mdp, V, name="V"):
+    """V as a new (S,) float array, from a number or an array of finite numbers; terminal states get 0."""
+    V = finite(name, V)
     if V.shape not in ((), (check_mdp(mdp).n_states,)):
         raise ValueError(f"{name}: got shape {V.shape}, must be a number or ({mdp.n_states},)")
-    if np.isnan(V).any():
-        raise ValueError(f"{name}: contains NaN, must be numbers")
     return np.where(mdp.terminal, 0.0, V)
-
-
-def finite_values(mdp, V, name="V"):
-    """As check_values, and every value finite."""
-    return finite(name, check_values(mdp, V, name))
 
 
 def check_q(mdp, Q, name="Q"):
@@ -394,6 +412,49 @@ def like(other, kind=finite):
     return rule
 
 
+def numbers(name, values, given=None):
+    """The rule of numbers of any shape, infinite ones, too; in float32 where they are, else in float64."""
+    values = values if isinstance(values, np.ndarray) and values.dtype == np.float32 else as_floats(name, values)
+    if np.isnan(values).any():
+        raise ValueError(f"{name}: contains NaN, must be numbers")
+    return values
+
+
+def finite_numbers(name, values, given=None):
+    """The rule of finite numbers of any shape, in float32 where they are, else in float64."""
+    values = numbers(name, values)
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name}: contains {values[~np.isfinite(values)][0]:g}, must be finite")
+    return values
+
+
+def probabilities(name, values, given=None):
+    """The rule of numbers in [0, 1], of any shape."""
+    values = as_floats(name, values)
+    if not ((values >= 0) & (values <= 1)).all():
+        raise ValueError(f"{name}: got {show(values)}, must be in [0, 1]")
+    return values
+
+
+def pair(name, values, given=None):
+    """The rule of two finite numbers."""
+    values = finite(name, values)
+    if values.shape != (2,):
+        raise ValueError(f"{name}: got shape {values.shape}, must be two finite numbers")
+    return tuple(values.tolist())
+
+
+def instance(kind, what=None):
+    """The rule of an instance of a class, which `what` says more about."""
+
+    def rule(name, value, given):
+        if not isinstance(value, kind):
+            raise ValueError(f"{name}: got {type(value).__name__}, must be {what or 'a ' + kind.__name__}")
+        return value
+
+    return rule
+
+
 def elementwise(*others, kind=finite):
     """The rule of a number, or of an array that fits to the arguments `others`, number by number."""
 
@@ -412,6 +473,24 @@ def elementwise(*others, kind=finite):
 def rule_of(check):
     """The rule of a check(name, value)."""
     return lambda name, value, given: check(name, value)
+
+
+def check_dtype(name, dtype, given=None):
+    """dtype as a numpy.dtype; ValueError unless float32 or float64."""
+    try:
+        found = None if dtype is None else np.dtype(dtype)
+    except (TypeError, ValueError):
+        found = None
+    if found not in (np.float32, np.float64):
+        raise ValueError(f"{name}: got {show(dtype)}, must be numpy.float32 or numpy.float64")
+    return found
+
+
+def check_optimizer(name, optimizer, given=None):
+    """optimizer; ValueError unless it has what a network's step calls."""
+    if not callable(getattr(optimizer, "update", None)) or isinstance(optimizer, type):
+        raise ValueError(f"{name}: got {show(optimizer)}, must be an SGD or Adam")
+    return optimizer
 
 
 def anything(name, value, given):
@@ -470,5 +549,8 @@ RULES = {
     **rules(count(), "n n_states n_actions n_steps n_episodes n_iter n_runs max_iter max_steps T depth n_rows n_cols"),
     **rules(count(), "n_sweeps max_sweeps n_updates horizon n_candidates hold"),
     **rules(count(0), "record"),
+    "dtype": check_dtype,
+    "optimizer": check_optimizer,
+    "on_episode": function_of("(return, steps so far)"),
     **rules(check_flag, "in_place online first_visit discount_states every_step printed each again"),
 }
