@@ -1,4 +1,4 @@
-"""Between TD(0) and Monte Carlo: n-step targets, lambda-returns and eligibility traces (chapter 5)."""
+"""Eligibility traces: TD(lambda) of values and of behaviour, between TD(0) and Monte Carlo (chapter 5)."""
 
 import numpy as np
 
@@ -25,12 +25,9 @@ from rlcore.policies import control, epsilon_greedy, max_value
 from rlcore.td import td_error
 
 TRACES = ("accumulating", "dutch", "replacing")
-
+PRINTED = "dutch as printed"
 
 # ---------------------------------------------------------------------- the trace of a state or a pair
-
-
-PRINTED = "dutch as printed"
 
 
 @takes_none
