@@ -352,21 +352,13 @@ def preload(chosen=()):
     assert "rlcore" not in sys.modules
 
 
-def too_slow(module):
-    """The tests to leave out, as pytest's -k names them."""
-    return " or ".join(TOO_SLOW[name] for name in TESTS[module].split() if name in TOO_SLOW)
-
-
 def files(folder, module):
     """The files of a module's tests."""
     return [folder / "tests" / f"{name.split('::')[0]}.py" for name in TESTS[module].split()]
 
 
-def run_tests(folder, tests, limit, leave_out=None):
-    """(exit status, seconds computed) of the tests in a forked child; 'slow' where the time is up.
-
-    leave_out: names as pytest's -k. One file after the other, until one fails.
-    """
+def run_tests(folder, tests, limit):
+    """(exit status, seconds computed) of the tests in a forked child, file by file; 'slow' where the time is up."""
     child = os.fork()
     if child == 0:
         os.setsid()
@@ -382,11 +374,11 @@ def run_tests(folder, tests, limit, leave_out=None):
         status = 3
         try:
             assert str(folder) in importlib.util.find_spec("rlcore").origin
-            choice = ["-k", f"not ({leave_out})"] if leave_out else []
             for name in tests.split():
                 file, colons, test = name.partition("::")
-                chosen = f"tests/{file}.py{colons}{test}"
-                status = int(pytest.main(["-x", "-q", "--assert=plain", "--no-header", *choice, chosen]))
+                choice = ["-k", f"not ({TOO_SLOW[file]})"] if file in TOO_SLOW else []
+                wanted = f"tests/{file}.py{colons}{test}"
+                status = int(pytest.main(["-x", "-q", "--assert=plain", "--no-header", *choice, wanted]))
                 if status:
                     break
         finally:
@@ -426,7 +418,7 @@ def work(worker, workers, chosen):
                 if known and (before["killed"] or before["mark"] == mark or name in excused):
                     continue
                 path.write_text(source)
-                status, seconds = run_tests(folder, tests, limits[module], too_slow(module))
+                status, seconds = run_tests(folder, tests, limits[module])
                 row = dict(name=name, line=number, killed=status != 0, status=status, digest=digest, mark=mark)
                 out.write(json.dumps(row | {"seconds": round(seconds, 1)}) + "\n")
                 out.flush()
@@ -473,7 +465,7 @@ def healthy(chosen):
     """The tests pass on the unchanged copy; otherwise every mutant would count as killed."""
     folder, limits = scratch(SCRATCH / "copy-check"), {}
     for module in chosen:
-        status, seconds = run_tests(folder, TESTS[module], 5 * TIME_LIMIT, too_slow(module))
+        status, seconds = run_tests(folder, TESTS[module], 5 * TIME_LIMIT)
         if status != 0:
             sys.exit((folder / "log.txt").read_text()[-3000:] + f"\nThe tests of {module} fail without any change.")
         limits[module] = min(TIME_LIMIT, 10 + 3 * int(seconds))
