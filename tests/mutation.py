@@ -43,7 +43,7 @@ TESTS = {  # in the order in which they are most likely to notice
     "core.outcomes": "test_mdp test_mdp_env test_bad_input test_properties",
     "core.sampling": "test_mdp test_properties test_td_exact",
     "core.checks": "test_bad_input test_mdp test_dp test_bellman test_planning test_td_exact test_nn",
-    "core.worlds": "test_td_exact test_td test_mdp_env test_bad_input",
+    "core.worlds": "test_td_exact test_td test_traces_exact test_mdp_env test_bad_input",
     "bellman": "test_bellman test_bad_input test_properties",
     "dp": "test_dp test_bad_input test_properties",
     "solver": "test_solve test_properties test_bad_input",
