@@ -72,7 +72,7 @@ def policy_improvement(mdp, V, gamma, *, pi=None):
     return np.where(keep[:, None], pi, pi_new)
 
 
-@checked(pi0=lambda name, pi, given: check_policy(given["mdp"], pi))
+@checked(pi0=lambda name, pi, given: check_policy(given["mdp"], pi, name))
 def policy_iteration(mdp, gamma, *, pi0=None, max_iter=1000, record=0):
     """Optimal values and policy: evaluate exactly, improve, until the policy stays. alg-policy-iteration, cl-038
 

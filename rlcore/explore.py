@@ -17,7 +17,6 @@ from urllib.parse import quote
 from rlcore.core.extras import extra
 
 MAX_FRAMES = 40
-
 GREEK = {"alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "theta": "θ", "lam": "λ", "pi": "π"}
 
 CSS = """

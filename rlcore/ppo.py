@@ -29,9 +29,7 @@ from rlcore.gae import learning_data
 from rlcore.trust_region import adapt_beta
 
 OBJECTIVES = ("clip", "none", "kl_fixed", "kl_adaptive")
-
 MAX_LOG_RATIO = 20.0  # exp of more overflows float32 once it is multiplied, as happens without clipping
-
 FIELDS = ("steps", "kl", "largest_ratio", "outside", "entropy", "value_loss", "beta", "lr")
 
 

@@ -23,7 +23,6 @@ import numpy as np
 from rlcore.core.checks import check_count
 
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
-
 PACKAGES = ("numpy", "numba", "gymnasium", "torch")
 
 

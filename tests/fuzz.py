@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import pkgutil
+import re
 import resource
 import signal
 from contextlib import contextmanager
@@ -92,7 +93,7 @@ def problem(call, name, has_nan):
             result = call()
     except (ValueError, TypeError) as error:
         text = str(error)
-        if name not in text:
+        if not re.search(rf"\b{name}\b", text):
             return f"{type(error).__name__} does not name it: {text[:150]}"
         if isinstance(error, ValueError) and not any(word in text for word in ("must", "allowed", "need")):
             return f"ValueError does not say what is allowed: {text[:150]}"

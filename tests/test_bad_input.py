@@ -187,7 +187,7 @@ CASES = {
         "probabilities",
     ),
     "policy that does not sum to 1": (
-        lambda: dp.policy_iteration(ROBOT, 0.9, pi0=[[1, 0, 0], [0.5, 0, 0]]), "pi: row 1 is [0.5", "sum to 1",
+        lambda: dp.policy_iteration(ROBOT, 0.9, pi0=[[1, 0, 0], [0.5, 0, 0]]), "pi0: row 1 is [0.5", "sum to 1",
     ),
     "policy that hardly misses 1": (
         lambda: bellman.solve_policy(ROBOT, [[1, 0, 0], [1 + 5e-9, 0, 0]], 0.9), "pi: row 1 is [1.", "sum to 1",

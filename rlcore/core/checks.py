@@ -288,22 +288,22 @@ def spaces(world):
     return np.ones(sizes, bool), np.zeros(sizes[0], bool)
 
 
-def check_policy(mdp, pi):
+def check_policy(mdp, pi, name="pi"):
     """pi as a float array; ValueError unless it is (S, A) with rows that are distributions over A(s)."""
-    return check_pi(check_mdp(mdp).legal, pi)
+    return check_pi(check_mdp(mdp).legal, pi, name)
 
 
-def check_pi(legal, pi):
+def check_pi(legal, pi, name="pi"):
     """As check_policy, where all that is known is which actions are legal, (S, A) bool."""
-    pi = as_floats("pi", pi)
+    pi = as_floats(name, pi)
     if pi.shape != legal.shape:
-        raise ValueError(f"pi: got shape {pi.shape}, must be {legal.shape}")
+        raise ValueError(f"{name}: got shape {pi.shape}, must be {legal.shape}")
     bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= 1e-9))
     if bad.any():
         s = np.flatnonzero(bad)[0]
-        raise ValueError(f"pi: row {s} is {pi[s]}, must be probabilities that sum to 1")
+        raise ValueError(f"{name}: row {s} is {pi[s]}, must be probabilities that sum to 1")
     if (pi[~legal] > 0).any():
-        raise ValueError(f"pi: probability on an action that is not legal at {where((pi > 0) & ~legal)}, must be 0")
+        raise ValueError(f"{name}: probability on an action that is not legal at {where((pi > 0) & ~legal)}, must be 0")
     return pi
 
 
@@ -461,9 +461,10 @@ def elementwise(*others, kind=finite):
     def rule(name, values, given):
         array, shapes = kind(name, values), [np.shape(given[other]) for other in others]
         try:
-            np.broadcast_shapes(array.shape, *shapes)
+            if 0 in np.broadcast_shapes(array.shape, *shapes):
+                raise ValueError
         except ValueError:
-            raise ValueError(f"{name}: got shape {array.shape}, must fit to {', '.join(map(str, shapes))}") from None
+            raise ValueError(f"{name}: got shape {array.shape}, must not be empty, and fit to {list(others)}") from None
         return array if array.ndim else values
 
     return rule
@@ -544,7 +545,7 @@ RULES = {
     "alpha": check_rate,
     **rules(check_probability, "gamma lam gamma_lam epsilon slip stop jerk"),
     **rules(check_positive, "tol lr"),
-    **rules(check_finite, "unseen reward"),
+    **rules(check_finite, "unseen unvisited reward"),
     **rules(count(), "n n_states n_actions n_steps n_episodes n_iter n_runs max_iter max_steps T depth n_rows n_cols"),
     **rules(count(), "n_sweeps max_sweeps n_updates horizon n_candidates hold"),
     **rules(count(0), "record"),

@@ -119,7 +119,9 @@ def from_env(env):
     env = getattr(env, "unwrapped", env)
     table = getattr(env, "P", None)
     if table is None:
-        raise ValueError(f"env: {type(env).__name__} has no transition table P; from_env reads toy-text tables only")
+        raise ValueError(
+            f"env: {type(env).__name__} has no transition table P; from_env reads toy-text tables, must have one"
+        )
     S, A = int(env.observation_space.n), int(env.action_space.n)
     terminal = {s2 for row in table.values() for out in row.values() for p, s2, _, done in out if done and p > 0}
     outcomes = {

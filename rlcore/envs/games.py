@@ -1,4 +1,4 @@
-"""Tic-tac-toe and its larger relatives, solved exactly, and the arithmetic of games that cannot be."""
+"""Tic-tac-toe and its larger relatives, solved exactly."""
 
 from rlcore.core.checks import check_count, checked, choice, count
 from rlcore.mdp import FiniteMDP

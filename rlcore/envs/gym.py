@@ -11,7 +11,7 @@ ACTION = index(lambda given: given["self"].mdp.n_actions)
 
 
 def _seed(name, seed, given):
-    if not is_number(seed) or seed < 0 or seed == np.inf or int(seed) != seed:
+    if not is_number(seed) or not 0 <= seed < np.inf or int(seed) != seed:
         raise ValueError(f"{name}: got {show(seed)}, must be a whole number of at least 0, or None")
     return int(seed)
 
