@@ -463,8 +463,8 @@ def test_the_list_of_traces_holds_each_state_once():
     [
         ([], [], r"rewards: got shape \(0,\)"),
         ([[1.0, 2.0]], [1.0, 2.0], r"rewards: got shape \(1, 2\)"),
-        ([1.0, np.inf], [1.0, 2.0], "rewards: contains a number that is not finite"),
-        ([1.0, 2.0], [1.0, np.nan], "values: contains a number that is not finite"),
+        ([1.0, np.inf], [1.0, 2.0], "rewards: contains inf, must be finite"),
+        ([1.0, 2.0], [1.0, np.nan], "values: contains nan, must be finite"),
         ([1.0, 2.0], [1.0], r"values: got shape \(1,\), must be \(2,\) or \(3,\)"),
         ([1.0, 2.0], [1.0] * 4, r"values: got shape \(4,\)"),
         ([1.0, 2.0], [[1.0, 2.0]], r"values: got shape \(1, 2\)"),
@@ -493,7 +493,7 @@ def test_cuts_of_more_episodes_follow_those_of_fewer():
 
 
 def test_one_wrong_number_among_right_ones_is_refused():
-    with pytest.raises(ValueError, match="visited: got .*must be 0 or 1"):
+    with pytest.raises(ValueError, match="visited: got .*must be True or False"):
         trace_update([0.5, 0.5], [0, 2], 0.9, "accumulating")
     with pytest.raises(ValueError, match=r"visits: got .*must be times in 0\.\.3"):
         trace_course([1, 4], 4, 0.9, "accumulating")
