@@ -58,7 +58,7 @@ def expectation_backup(mdp, pi, V, gamma):
 @checked
 def expectation_backup_q(mdp, pi, Q, gamma):
     """Right-hand side of the Bellman equation for q_pi, (S, A). om-bellman-q, fig-4"""
-    return q_from_v(mdp, v_from_q(Q, pi), gamma)
+    return q_from_v(mdp, np.where(mdp.terminal, 0.0, v_from_q(Q, pi)), gamma)
 
 
 def optimality_backup(mdp, V, gamma):

@@ -29,11 +29,11 @@ def freeze(*arrays):
 
 def own(name, given, kind):
     """kind(name, given), an array, as one that is read-only and that nobody else can write to; next_state as int32."""
-    dtype = np.int32 if name == "next_state" else None
-    values = given if type(given) is np.ndarray and given.dtype == dtype else kind(name, given)
-    if dtype is not None and values.size and not INT32.min <= values.min() <= values.max() <= INT32.max:
+    states = name == "next_state"
+    values = given if states and type(given) is np.ndarray and given.dtype == np.int32 else kind(name, given)
+    if states and values.size and not INT32.min <= values.min() <= values.max() <= INT32.max:
         raise ValueError(f"{name}: got {values.min()}..{values.max()}, must be states of the process")
-    values = np.ascontiguousarray(values, dtype)
+    values = np.ascontiguousarray(values, np.int32 if states else None)
     made = values.base is None and values is not given and isinstance(given, (list, tuple, np.ndarray))
     return freeze(values if made or _is_frozen(values) else values.copy())[0]
 
