@@ -19,10 +19,9 @@ def episode_pairs(name, episodes, given):
             raise ValueError(f"{name}: number {i} is {show(episode)}, must be a Trajectory, or (states, rewards)")
         states, rewards = (episode.states, episode.rewards) if isinstance(episode, Trajectory) else episode
         states, rewards = as_integers(name, states), finite(name, rewards)
-        if states.ndim != 1 or rewards.ndim != 1 or rewards.size == 0 or states.min(initial=0) < 0:
-            raise ValueError(
-                f"{name}: number {i} is {show(episode)}, must be states from 0 on, and T rewards, T at least 1"
-            )
+        if states.ndim != 1 or rewards.ndim != 1 or rewards.size == 0:
+            sizes = f"{states.shape} states and {rewards.shape} rewards"
+            raise ValueError(f"{name}: number {i} has {sizes}, must be lists, with a reward at least")
         pairs.append((states, rewards))
     if not pairs:
         raise ValueError(f"{name}: got {show(episodes)}, must be at least one")
@@ -111,8 +110,9 @@ Batch = namedtuple("Batch", "s r s_next episode rewards terminal")
 def _pool(episodes, n_states):
     """The steps of all episodes as a Batch; ValueError unless they end in states that none goes on from."""
     s, s_next, r = (np.concatenate(x) for x in zip(*((states[:-1], states[1:], r) for states, r in episodes)))
-    if max(s.max(), s_next.max()) >= n_states:
-        raise ValueError(f"episodes: got states up to {max(s.max(), s_next.max())}, must be in 0..{n_states - 1}")
+    for x in (s, s_next):
+        if x.min() < 0 or x.max() >= n_states:
+            raise ValueError(f"episodes: got states {x.min()}..{x.max()}, must be in 0..{n_states - 1}")
     terminal = np.zeros(n_states, bool)
     terminal[[states[-1] for states, _ in episodes]] = True
     if terminal[s].any():

@@ -58,7 +58,7 @@ def visited(name, states, given):
 
 def values_on_the_way(states, rewards, V):
     """V of the states, (T + 1,), the last 0 where the episode terminated."""
-    if (states >= V.size).any():
+    if ((states < 0) | (states >= V.size)).any():
         raise ValueError(f"states: got {states}, must be (T,) or (T + 1,) states in 0..{V.size - 1}")
     if states.size not in (rewards.size, rewards.size + 1):
         raise ValueError(f"states: got {states.size}, must be as many as rewards, or one more")

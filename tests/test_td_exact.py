@@ -434,8 +434,8 @@ def test_certainty_equivalence_by_hand():
         ([([0, -1], [1.0])], r"got states -1\.\.-1, must be"),
         ([([1, 0, -1], [1.0, 1.0])], r"got states -1\.\.0, must be"),
         ([([0, 1, 4], [1.0, 1.0])], r"got states 1\.\.4, must be"),
-        ([([0, 1], [np.inf])], "contain a reward that is not finite"),
-        ([([0, 1, 2], [1.0, np.nan])], "contain a reward that is not finite"),
+        ([([0, 1], [np.inf])], "contains (nan|inf), must be finite"),
+        ([([0, 1, 2], [1.0, np.nan])], "contains (nan|inf), must be finite"),
         (PAIRS + [([2, 3], [1.0])], "one ends in state 2, another goes on from it"),
     ],
 )
@@ -479,7 +479,7 @@ def test_repeated_runs_have_generators_of_their_own():
 
 @pytest.mark.parametrize("V, truth", [(3.0, [1.0]), ([1.0, 2.0, 3.0], 2.0), ([1.0, 2.0, 3.0, 4.0], [1.0])])
 def test_walks_that_do_not_fit(V, truth):
-    with pytest.raises(ValueError, match="^V: got shape"):
+    with pytest.raises(ValueError, match="^V: got shape" if np.ndim(truth) else "^truth: got shape"):
         walk_error(V, truth)
     assert walk_error([9.0, 1.0, 2.0, 9.0], [4.0, 6.0]) == pytest.approx(12.5**0.5)
 
