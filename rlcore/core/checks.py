@@ -6,7 +6,6 @@ argument, what came and what is allowed. given: the arguments before it, checked
 
 import functools
 import inspect
-from math import isfinite
 from numbers import Real
 
 import numpy as np
@@ -180,25 +179,6 @@ def as_integers(name, values, what="integers"):
     return array.astype(np.int64, copy=False)
 
 
-def check_labels(name, values, n, shape=None, what="integers"):
-    """values as an array of integers in 0..n - 1, at least one, of a shape where one is given."""
-    array = as_integers(name, values, what)
-    if not array.size or (shape is not None and array.shape != shape):
-        raise ValueError(f"{name}: got shape {array.shape}, must be {shape or '(n,), at least one'}")
-    if array.min() < 0 or array.max() >= n:
-        raise ValueError(f"{name}: got {array.min()}..{array.max()}, must be in 0..{n - 1}")
-    return array
-
-
-def as_samples(name, values, dtype):
-    """values as an array of a floating dtype, all of them finite; quick where they are."""
-    if not isinstance(values, np.ndarray) or values.dtype != dtype:
-        values = as_floats(name, values).astype(dtype)
-    if not isfinite(np.vdot(values, values)) and not np.isfinite(values).all():
-        raise ValueError(f"{name}: contains {values[~np.isfinite(values)][0]:g}, must be finite")
-    return values
-
-
 def as_flags(name, values):
     """values as a bool array; ValueError unless they are True or False, or 1 and 0."""
     array = _array(name, values, "True or False")
@@ -367,38 +347,6 @@ def array(*shape, kind=finite):
         return values
 
     return rule
-
-
-def numbers(name, values, given=None):
-    """The rule of numbers of any shape, infinite ones, too; in float32 where they are, else in float64."""
-    values = values if isinstance(values, np.ndarray) and values.dtype == np.float32 else as_floats(name, values)
-    if np.isnan(values).any():
-        raise ValueError(f"{name}: contains NaN, must be numbers")
-    return values
-
-
-def finite_numbers(name, values, given=None):
-    """The rule of finite numbers of any shape, in float32 where they are, else in float64."""
-    values = numbers(name, values)
-    if not np.isfinite(values).all():
-        raise ValueError(f"{name}: contains {values[~np.isfinite(values)][0]:g}, must be finite")
-    return values
-
-
-def probabilities(name, values, given=None):
-    """The rule of numbers in [0, 1], of any shape."""
-    values = as_floats(name, values)
-    if not ((values >= 0) & (values <= 1)).all():
-        raise ValueError(f"{name}: got {show(values)}, must be in [0, 1]")
-    return values
-
-
-def pair(name, values, given=None):
-    """The rule of two finite numbers."""
-    values = finite(name, values)
-    if values.shape != (2,):
-        raise ValueError(f"{name}: got shape {values.shape}, must be two finite numbers")
-    return tuple(values.tolist())
 
 
 def instance(kind, what=None):
