@@ -1,7 +1,11 @@
 """Good calls of what learns with networks, where the names of ARGUMENTS do not say enough."""
 
+import tempfile
+from concurrent.futures import Executor, Future
+from functools import cache
+
 import numpy as np
-from fuzz import env_of, network, tensors, torch_net
+from fuzz import env_of, job, network, tensors, torch_net
 
 
 def run(net):
@@ -242,4 +246,39 @@ LOSSES = {
         "clip_objective", "value_loss", "entropy", "ppo_objective",
     )
 }  # fmt: skip
-CALLS = NEURONS | NETWORKS | POLICIES | LEARNERS | AGENTS | REGIONS | LOSSES
+
+
+class Here(Executor):
+    """Runs at once, in this process."""
+
+    def submit(self, function, *args):
+        future = Future()
+        future.set_result(function(*args))
+        return future
+
+
+@cache
+def folder():
+    return tempfile.TemporaryDirectory()
+
+
+def picture(choices=0):
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(1, 1))
+
+
+def settings():
+    return [dict(a=1)]
+
+
+WIDE = {
+    "sweep.sweep": dict(
+        function=lambda: job, settings=settings, seeds=lambda: [0], store=lambda: folder().name, executor=Here
+    ),
+    "explore.explore": dict(
+        draw=lambda: picture, title=lambda: "T", alt=lambda: lambda choices: "a picture", choices=lambda: [1, 2],
+        labels=lambda: dict(choices="c"),
+    ),
+}  # fmt: skip
+CALLS = NEURONS | NETWORKS | POLICIES | LEARNERS | AGENTS | REGIONS | LOSSES | WIDE

@@ -28,11 +28,12 @@ def checked(function=None, /, **special):
     if isinstance(function, type):
         function.__init__ = checked(function.__init__, **special)
         return function
-    check = checker(function, special)
+    check, signature = checker(function, special), inspect.signature(function)
 
     @functools.wraps(function)
     def call(*args, **kwargs):
-        return function(**check(*args, **kwargs))
+        given = inspect.BoundArguments(signature, check(*args, **kwargs))
+        return function(*given.args, **given.kwargs)
 
     call.unchecked = function
     return call
