@@ -2,19 +2,8 @@
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    array,
-    check_count,
-    check_finite,
-    check_labels,
-    checked,
-    choice,
-    finite,
-    finite_numbers,
-    numbers,
-    pair,
-)
+from rlcore.core.checks import anything, array, check_count, check_finite, checked, choice, finite
+from rlcore.core.samples import check_labels, finite_numbers, numbers, pair
 
 # ---------------------------------------------------------------------- activations
 
@@ -153,7 +142,7 @@ def cross_entropy(logits, labels):
     logits: (K,) or (B, K), outputs of a linear layer. labels: a whole number below K, or (B,) of them.
     Returns a number. Source: Goodfellow et al. (2016), section 6.2.2.3.
     """
-    return float(-np.take_along_axis(log_softmax.unchecked(logits), labels[..., None], axis=-1).mean())
+    return float(-np.atleast_2d(log_softmax.unchecked(logits))[np.arange(labels.size), labels].mean())
 
 
 @checked(logits=_outputs, labels=_classes)

@@ -16,6 +16,7 @@ from rlcore.core.checks import (
 )
 from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner
+from rlcore.core.samples import check_labels
 from rlcore.core.worlds import act, reset
 from rlcore.mdp import discounted_returns
 from rlcore.policies import (

@@ -7,7 +7,6 @@ argument, what came and what is allowed. given: the arguments before it, checked
 import functools
 import inspect
 import math
-from math import isfinite
 from numbers import Real
 
 import numpy as np
@@ -32,11 +31,12 @@ def checked(function=None, /, **special):
     if isinstance(function, type):
         function.__init__ = checked(function.__init__, **special)
         return function
-    check = checker(function, special)
+    check, signature = checker(function, special), inspect.signature(function)
 
     @functools.wraps(function)
     def call(*args, **kwargs):
-        return function(**check(*args, **kwargs))
+        given = inspect.BoundArguments(signature, check(*args, **kwargs))
+        return function(*given.args, **given.kwargs)
 
     call.unchecked = function
     return call
@@ -198,25 +198,6 @@ def as_integers(name, values, what="integers"):
     if array.size and array.dtype.kind not in "iu":
         raise ValueError(f"{name}: got dtype {array.dtype}, must be {what}")
     return array.astype(np.int64, copy=False)
-
-
-def check_labels(name, values, n, shape=None, what="integers"):
-    """values as an array of integers in 0..n - 1, at least one, of a shape where one is given."""
-    array = as_integers(name, values, what)
-    if not array.size or (shape is not None and array.shape != shape):
-        raise ValueError(f"{name}: got shape {array.shape}, must be {shape or '(n,), at least one'}")
-    if array.min() < 0 or array.max() >= n:
-        raise ValueError(f"{name}: got {array.min()}..{array.max()}, must be in 0..{n - 1}")
-    return array
-
-
-def as_samples(name, values, dtype):
-    """values as an array of a floating dtype, all of them finite; quick where they are."""
-    if not isinstance(values, np.ndarray) or values.dtype != dtype:
-        values = as_floats(name, values).astype(dtype)
-    if not isfinite(np.vdot(values, values)) and not np.isfinite(values).all():
-        raise ValueError(f"{name}: contains {values[~np.isfinite(values)][0]:g}, must be finite")
-    return values
 
 
 def as_flags(name, values):
@@ -410,38 +391,6 @@ def like(other, kind=finite):
         return values
 
     return rule
-
-
-def numbers(name, values, given=None):
-    """The rule of numbers of any shape, infinite ones, too; in float32 where they are, else in float64."""
-    values = values if isinstance(values, np.ndarray) and values.dtype == np.float32 else as_floats(name, values)
-    if np.isnan(values).any():
-        raise ValueError(f"{name}: contains NaN, must be numbers")
-    return values
-
-
-def finite_numbers(name, values, given=None):
-    """The rule of finite numbers of any shape, in float32 where they are, else in float64."""
-    values = numbers(name, values)
-    if not np.isfinite(values).all():
-        raise ValueError(f"{name}: contains {values[~np.isfinite(values)][0]:g}, must be finite")
-    return values
-
-
-def probabilities(name, values, given=None):
-    """The rule of numbers in [0, 1], of any shape."""
-    values = as_floats(name, values)
-    if not ((values >= 0) & (values <= 1)).all():
-        raise ValueError(f"{name}: got {show(values)}, must be in [0, 1]")
-    return values
-
-
-def pair(name, values, given=None):
-    """The rule of two finite numbers."""
-    values = finite(name, values)
-    if values.shape != (2,):
-        raise ValueError(f"{name}: got shape {values.shape}, must be two finite numbers")
-    return tuple(values.tolist())
 
 
 def instance(kind, what=None):
