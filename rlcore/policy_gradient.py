@@ -7,7 +7,6 @@ from rlcore.core.checks import (
     anything,
     array,
     check_flag,
-    check_labels,
     check_positive,
     checked,
     finite,
