@@ -60,8 +60,7 @@ class FiniteMDP(Model):
     def __post_init__(self):
         kinds = dict(next_state=as_integers, prob=as_floats, reward=as_floats, legal=as_flags, terminal=as_flags)
         for name, kind in (kinds | dict(start=as_floats)).items():
-            given = getattr(self, name)
-            object.__setattr__(self, name, own(given, kind(name, given), np.int32 if name == "next_state" else None))
+            object.__setattr__(self, name, own(name, getattr(self, name), kind))
         for name in ("state_names", "action_names"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, names(name, getattr(self, name)))

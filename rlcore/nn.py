@@ -1,4 +1,4 @@
-"""A neural network on one parameter vector: forward, backpropagation, training, approximation by hand (chapter 6)."""
+"""A neural network on one parameter vector: forward, backward, trained, and made by hand (chapter 6)."""
 
 import copy
 from math import isfinite

@@ -13,7 +13,7 @@ import numpy as np
 
 LARGEST = 10**9  # of anything that is counted
 ENTRIES = 10**8  # of an array that a world is made of, 0.8 GB
-HUGE = np.finfo(float).max
+HUGE = float(np.finfo(float).max)
 
 
 class Model:
@@ -408,12 +408,12 @@ def elementwise(*others, kind=finite):
     """The rule of a number, or of an array that fits to the arguments `others`, number by number."""
 
     def rule(name, values, given):
-        array, shapes = kind(name, values), [np.shape(given[other]) for other in others]
+        array, shapes = kind(name, values), [np.shape(given[other]) for other in others if other in given]
         try:
             if 0 in np.broadcast_shapes(array.shape, *shapes):
                 raise ValueError
         except ValueError:
-            raise ValueError(f"{name}: got shape {array.shape}, must not be empty, and fit to {list(others)}") from None
+            raise ValueError(f"{name}: got shape {array.shape}, must fit to {shapes}, not be empty") from None
         return array if array.ndim else values
 
     return rule
