@@ -10,13 +10,15 @@ from worlds import awkward, loop, stay_or_go
 
 from rlcore import bellman, dp, envs, mdp, td, traces
 from rlcore.batch import batch_td
-from rlcore.core.checks import anything, as_floats, check_count, check_rate, checked
+from rlcore.core.checks import as_floats, check_count, check_rate
 from rlcore.core.learner import learner
+from rlcore.core.rules import anything, checked
 from rlcore.core.schedules import check_schedule, decaying
 from rlcore.mdp import FiniteMDP, uniform_policy
 from rlcore.monte_carlo import mc_prediction
+from rlcore.mpc import linear_dynamics
 from rlcore.nstep import n_step_td
-from rlcore.planning import Transitions, dyna_q, linear_dynamics, replay
+from rlcore.planning import Transitions, dyna_q, replay
 from rlcore.policies import softmax_policy
 from rlcore.policy_gradient import gradient_ascent
 from rlcore.reinforce import reinforce

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_count, checked
+from rlcore.core.checks import check_count
 from rlcore.core.extras import extra
+from rlcore.core.rules import checked
 
 N_PICTURES = 1797
 

@@ -4,18 +4,8 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    as_floats,
-    check_flag,
-    check_fraction,
-    check_positive,
-    check_probability,
-    checked,
-    choice,
-    count,
-    show,
-)
+from rlcore.core.checks import as_floats, check_flag, check_fraction, check_positive, check_probability, show
+from rlcore.core.rules import anything, checked, choice, count
 from rlcore.core.samples import probabilities
 from rlcore.nn import MLP
 from rlcore.optimizers import Adam

@@ -5,8 +5,6 @@ import itertools
 import numpy as np
 
 from rlcore.core.checks import (
-    anything,
-    array,
     as_flags,
     as_floats,
     check_count,
@@ -14,10 +12,8 @@ from rlcore.core.checks import (
     check_nonnegative,
     check_positive,
     check_probability,
-    checked,
-    count,
-    rules,
 )
+from rlcore.core.rules import anything, array, checked, count, rules
 from rlcore.core.samples import check_labels, finite_numbers
 from rlcore.distributions import Categorical
 from rlcore.mdp import FiniteMDP

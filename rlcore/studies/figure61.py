@@ -4,7 +4,8 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import as_floats, check_finite, check_index, checked, finite, show
+from rlcore.core.checks import as_floats, check_finite, check_index, finite, show
+from rlcore.core.rules import checked
 
 TASKS = ["HalfCheetah", "Hopper", "InvertedDoublePendulum", "InvertedPendulum", "Reacher", "Swimmer", "Walker2d"]
 

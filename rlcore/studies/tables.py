@@ -3,7 +3,8 @@
 import csv
 from pathlib import Path
 
-from rlcore.core.checks import checked, show
+from rlcore.core.checks import show
+from rlcore.core.rules import checked
 
 
 def _path(name, path, given):
