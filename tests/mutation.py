@@ -53,7 +53,6 @@ TESTS = {  # in the order in which they are most likely to notice
     "core.schedules": "test_td_exact test_td test_bad_input",
     "core.learner": "test_td test_td_exact test_traces_exact",
     "core.chains": "test_bellman test_dp test_solve test_properties",
-    "core.results": "test_td test_planning",
     "core.samples": "test_nn test_policies test_reinforce",
     "core.extras": "test_release",
     "monte_carlo": "test_td_exact test_td",
