@@ -209,11 +209,7 @@ def test_offline_lambda_return_by_hand():
 def test_offline_lambda_return_on_long_episodes(reading):
     """There is room for 64 steps at first, then for twice as many."""
     g = rng(3)
-    lengths = (
-        (63, 64, 65, 126, 127, 128, 129, 254, 255, 256, 257, 300)
-        if reading == "in order"
-        else (63, 64, 65, 127, 128, 129)
-    )
+    lengths = (63, 64, 65, 127, 128, 129) + (254, 255, 256, 257, 300) * (reading == "in order")
     episodes = [(g.integers(9, size=n + 1).tolist(), g.normal(size=n).tolist(), "end") for n in lengths]
     options = dict(alpha=0.5, reading=reading, V0=1.0, rng=rng())
     run = offline_lambda_return(Script(episodes, 9), np.ones((9, 1)), 0.9, 0.8, len(lengths), **options)
@@ -463,8 +459,8 @@ def test_the_list_of_traces_holds_each_state_once():
     [
         ([], [], r"rewards: got shape \(0,\)"),
         ([[1.0, 2.0]], [1.0, 2.0], r"rewards: got shape \(1, 2\)"),
-        ([1.0, np.inf], [1.0, 2.0], "rewards: contains a number that is not finite"),
-        ([1.0, 2.0], [1.0, np.nan], "values: contains a number that is not finite"),
+        ([1.0, np.inf], [1.0, 2.0], "rewards: contains inf, must be finite"),
+        ([1.0, 2.0], [1.0, np.nan], "values: contains nan, must be finite"),
         ([1.0, 2.0], [1.0], r"values: got shape \(1,\), must be \(2,\) or \(3,\)"),
         ([1.0, 2.0], [1.0] * 4, r"values: got shape \(4,\)"),
         ([1.0, 2.0], [[1.0, 2.0]], r"values: got shape \(1, 2\)"),
@@ -493,7 +489,7 @@ def test_cuts_of_more_episodes_follow_those_of_fewer():
 
 
 def test_one_wrong_number_among_right_ones_is_refused():
-    with pytest.raises(ValueError, match="visited: got .*must be 0 or 1"):
+    with pytest.raises(ValueError, match=r"^visited: got \[0, 2\], must be True or False"):
         trace_update([0.5, 0.5], [0, 2], 0.9, "accumulating")
     with pytest.raises(ValueError, match=r"visits: got .*must be times in 0\.\.3"):
         trace_course([1, 4], 4, 0.9, "accumulating")

@@ -5,9 +5,18 @@ from copy import deepcopy
 
 import numpy as np
 
-from rlcore.core.checks import as_floats, check_count, check_probability, check_rng, check_world
+from rlcore.core.checks import (
+    anything,
+    array,
+    as_floats,
+    check_count,
+    check_probability,
+    check_rng,
+    check_world,
+    checked,
+)
 from rlcore.mdp import FiniteMDP, discounted_returns
-from rlcore.nstep import values_on_the_way
+from rlcore.nstep import reward_list, values_on_the_way, visited
 
 
 def repeat(method, *args, n_runs, rng, **settings):
@@ -32,12 +41,14 @@ def walk_error(V, truth):
     return np.sqrt(((V[..., 1:-1] - truth) ** 2).mean(axis=-1))
 
 
+@checked(V=array("S"), episodes=anything)
 def squared_error(V, episodes, gamma):
     """Sum of (G_t - V(S_t))^2 over all steps of all episodes (Trajectories or pairs of states, rewards). cl-048"""
     total = 0.0
     for e in episodes:
         states, rewards = (e.states, e.rewards) if hasattr(e, "states") else e
-        values = values_on_the_way(np.asarray(states), np.asarray(rewards), np.asarray(V))
+        states, rewards = visited("states", states, {}), reward_list("rewards", rewards, {})
+        values = values_on_the_way(states, rewards, V)
         total += ((discounted_returns(rewards, gamma) - values[:-1]) ** 2).sum()
     return float(total)
 
