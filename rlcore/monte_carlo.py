@@ -42,13 +42,15 @@ def mc_prediction(world, pi, gamma, n_episodes, *, first_visit=True, target="v",
     for k in range(n_episodes):
         states, actions, rewards, terminated = episode(world, pi, max_steps, rng)
         returns[k], lengths[k] = total(rewards), rewards.size
-        visited = states[:-1] * width + actions % width
-        for t in range(rewards.size - 1, -1, -1):
-            first[visited[t]] = t
+        if width > 1:
+            states = states[:-1] * width + actions
+        if first_visit:
+            for t in range(rewards.size - 1, -1, -1):
+                first[states[t]] = t
         G = 0.0
         for t in range(rewards.size - 1, -1, -1):
             G = rewards[t] + gamma * G  # eq-8
-            x = visited[t]
+            x = states[t]
             if not first_visit or first[x] == t:
                 N[x] += 1
                 average[x] += (G - average[x]) / N[x]
@@ -72,8 +74,9 @@ def constant_alpha_mc(world, pi, gamma, n_episodes, *, alpha, V0=0.0, first_visi
     for k in range(n_episodes):
         states, actions, rewards, terminated = episode(world, pi, max_steps, rng)
         returns[k], lengths[k] = total(rewards), rewards.size
-        for t in range(rewards.size - 1, -1, -1):
-            first[states[t]] = t
+        if first_visit:
+            for t in range(rewards.size - 1, -1, -1):
+                first[states[t]] = t
         G = 0.0 if terminated else V[states[-1]]
         for t in range(rewards.size - 1, -1, -1):
             G = rewards[t] + gamma * G  # eq-8

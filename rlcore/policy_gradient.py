@@ -85,7 +85,7 @@ def episode_gradient(theta, states, actions, rewards, gamma, *, features=None, b
 def softmax_episode(world, theta, X, legal, p_min, max_steps, rng):
     """One episode of the softmax policy: states (T + 1,), actions (T,), rewards (T,), whether the last is terminal."""
     pi = np.zeros(len(theta))
-    states, actions, rewards = np.zeros(65, np.int64), np.zeros(64, np.int64), np.zeros(64)
+    states, actions, rewards = np.empty(257, np.int64), np.empty(256, np.int64), np.empty(256)
     s, t, done, terminated = reset(world, rng), 0, False, False
     states[0] = s
     while not done:
@@ -105,6 +105,11 @@ def _acting(name, theta, given):
     return given["theta"] if theta is None else check_parameters(name, theta, given["theta"].shape)
 
 
+def _corrected(name, corrected, given):
+    """The rule of corrected: where one policy acts and is judged there is nothing to correct."""
+    return check_flag(name, corrected) and given["acting"] is not given["theta"]
+
+
 def _any_baseline(name, b, given):
     """The rule of a number, (S,) or (S, A), as (S, A)."""
     b, shape = finite(name, b), spaces(given["world"])[0].shape
@@ -115,7 +120,7 @@ def _any_baseline(name, b, given):
 
 @learner(
     lambda given, gradients: gradients,
-    theta=anything, features=linear, baseline=_any_baseline, acting=_acting, corrected=check_flag,
+    theta=anything, features=linear, baseline=_any_baseline, acting=_acting, corrected=_corrected,
 )  # fmt: skip
 def gradient_estimates(
     world, theta, gamma, n_episodes, *, features=None, baseline=0.0, discount_states=False, acting=None,

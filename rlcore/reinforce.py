@@ -71,7 +71,7 @@ def reinforce(
     for k in range(n_episodes):
         states, actions, rewards, terminated = softmax_episode(world, theta, X, legal, p_min, max_steps, rng)
         T = rewards.size
-        returns[k], lengths[k], G = total(rewards), T, np.zeros(T + 1)
+        returns[k], lengths[k], G = total(rewards), T, np.empty(T + 1)
         G[T] = 0.0 if terminated else dot(w, X[states[T]])  # a return that was cut goes on with the estimate
         for t in range(T - 1, -1, -1):
             G[t] = rewards[t] + gamma * G[t + 1]  # eq-u-alg2-return

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from worlds import awkward, chain, gridworld5x5, loop, stay_or_go
 
 from rlcore.bellman import solve_policy
-from rlcore.core.checks import check_count, check_gamma, check_policy, check_values
+from rlcore.core.checks import check_count, check_gamma, check_policy, finite_values
 from rlcore.core.compiled import HAVE_NUMBA
 from rlcore.core.sampling import cumulative, draw
 from rlcore.envs import gridworld, random_mdp, random_walk, recycling_robot
@@ -241,8 +241,8 @@ def test_policy_and_values_are_copied_to_floats():
     walk = random_walk(1)
     assert check_policy(walk, [[1], [1], [1]]).dtype == float
     V = np.array([5.0, 1.0, 7.0])
-    assert_array_equal(check_values(walk, V), [0.0, 1.0, 0.0])  # terminal states count as 0
-    assert_array_equal(check_values(walk, 2), [0.0, 2.0, 0.0])
+    assert_array_equal(finite_values(walk, V), [0.0, 1.0, 0.0])  # terminal states count as 0
+    assert_array_equal(finite_values(walk, 2), [0.0, 2.0, 0.0])
     assert V[0] == 5.0
     assert_allclose(check_policy(stay_or_go(), [[0.5 + 4e-10, 0.5], [1.0, 0.0]])[0, 0], 0.5)
 

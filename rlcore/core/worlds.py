@@ -29,7 +29,7 @@ def act(world, s, a, rng):
 @compiled
 def episode(world, pi_cdf, max_steps, rng):
     """One episode under pi: states (T + 1,), actions (T,), rewards (T,), and whether its last state is terminal."""
-    states, actions, rewards = np.zeros(65, np.int64), np.zeros(64, np.int64), np.zeros(64)
+    states, actions, rewards = np.empty(257, np.int64), np.empty(256, np.int64), np.empty(256)
     s, t, done, terminated = reset(world, rng), 0, False, False
     states[0] = s
     while not done:
