@@ -53,11 +53,14 @@ def checker(function, special):
             or len(given) > len(defaults)
             or (kwargs and not kwargs.keys().isdisjoint(places[: len(args)]))
         ):
-            signature.bind(*args, **kwargs)  # raises TypeError
+            try:
+                signature.bind(*args, **kwargs)
+            except TypeError as error:
+                raise TypeError(f"{function.__name__}(): {error}") from None
         for name, rule, optional in rules:
             value = given[name]
             if value is empty:
-                raise TypeError(f"{function.__name__}() is missing the argument {name}")
+                raise TypeError(f"{function.__name__}(): missing a required argument: {name!r}")
             if rule is not None and not (optional and value is None):
                 given[name] = rule(name, value, given)
         return given
