@@ -5,7 +5,8 @@ from math import e, log, pi
 
 import numpy as np
 
-from rlcore.core.checks import as_samples, check_labels, check_rng, show
+from rlcore.core.checks import check_rng, show
+from rlcore.core.samples import check_labels, check_samples
 from rlcore.core.sampling import cumulative
 from rlcore.neurons import log_softmax
 
@@ -37,7 +38,8 @@ class Categorical:
 
     def log_prob(self, a):
         """ln pi(a|s), (B,). a: (B,) integers."""
-        return np.take_along_axis(self.log_probs, self._actions(a)[..., None], axis=-1)[..., 0]
+        a = self._actions(a)
+        return self.log_probs.reshape(-1, self.logits.shape[-1])[np.arange(a.size), a.ravel()].reshape(a.shape)
 
     def entropy(self):
         """-sum over a of pi(a|s) ln pi(a|s), (B,)."""
@@ -136,7 +138,7 @@ class Gaussian:
         return d_mean * np.exp(-2 * self.log_std), 2 * d_log_std
 
     def _z(self, a):
-        a = as_samples("a", a, self.mean.dtype)
+        a = check_samples("a", a, self.mean.dtype)
         if a.shape != self.mean.shape:
             raise ValueError(f"a: got shape {a.shape}, must be {self.mean.shape}")
         return (a - self.mean) * np.exp(-self.log_std)
@@ -145,9 +147,9 @@ class Gaussian:
 def _outputs(name, values):
     """values as a floating array of at least one dimension, all finite."""
     if isinstance(values, np.ndarray) and values.dtype.kind == "f":
-        values = as_samples(name, values, values.dtype)
+        values = check_samples(name, values, values.dtype)
     else:
-        values = as_samples(name, values, float)
+        values = check_samples(name, values, float)
     if values.ndim == 0 or values.shape[-1] == 0:
         raise ValueError(f"{name}: got shape {values.shape}, must be (B, A) or (A,)")
     return values
@@ -155,7 +157,7 @@ def _outputs(name, values):
 
 def _like(name, values, outputs):
     """values in the dtype and, where there is more than one row, in the shape of the outputs."""
-    values = as_samples(name, values, outputs.dtype)
+    values = check_samples(name, values, outputs.dtype)
     if values.shape not in (outputs.shape, outputs.shape[-1:]):
         raise ValueError(f"{name}: got shape {values.shape}, must be {outputs.shape}")
     return np.broadcast_to(values, outputs.shape)

@@ -4,20 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.core.checks import (
-    Model,
-    as_flags,
-    as_floats,
-    as_integers,
-    check_finite,
-    check_index,
-    check_world,
-    checked,
-    count,
-    index,
-    takes_none,
-    where,
-)
+from rlcore.core.checks import Model, as_flags, as_floats, as_integers, check_finite, check_index, check_world, where
 from rlcore.core.learner import learner
 from rlcore.core.outcomes import (
     canonical,
@@ -30,6 +17,7 @@ from rlcore.core.outcomes import (
     names,
     own,
 )
+from rlcore.core.rules import checked, count, index, takes_none
 from rlcore.core.sampling import Sampler, cumulative, draw, step
 from rlcore.core.worlds import act, reset
 

@@ -2,19 +2,9 @@
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    array,
-    check_count,
-    check_finite,
-    check_labels,
-    checked,
-    choice,
-    finite,
-    finite_numbers,
-    numbers,
-    pair,
-)
+from rlcore.core.checks import check_count, check_finite, finite
+from rlcore.core.rules import anything, array, checked, choice
+from rlcore.core.samples import check_labels, finite_numbers, numbers, pair
 
 # ---------------------------------------------------------------------- activations
 
@@ -153,7 +143,7 @@ def cross_entropy(logits, labels):
     logits: (K,) or (B, K), outputs of a linear layer. labels: a whole number below K, or (B,) of them.
     Returns a number. Source: Goodfellow et al. (2016), section 6.2.2.3.
     """
-    return float(-np.take_along_axis(log_softmax.unchecked(logits), labels[..., None], axis=-1).mean())
+    return float(-np.atleast_2d(log_softmax.unchecked(logits))[np.arange(labels.size), labels].mean())
 
 
 @checked(logits=_outputs, labels=_classes)

@@ -7,24 +7,16 @@ import numpy as np
 
 from rlcore.core.checks import (
     LARGEST,
-    anything,
-    as_samples,
     check_count,
-    check_dtype,
     check_function,
-    check_labels,
     check_nonnegative,
     check_positive,
     check_rng,
-    checked,
-    choice,
-    count,
     finite,
-    finite_numbers,
-    function_of,
-    pair,
     show,
 )
+from rlcore.core.rules import anything, check_dtype, checked, choice, count, function_of
+from rlcore.core.samples import all_finite, as_samples, check_labels, check_samples, finite_numbers, pair
 from rlcore.neurons import ACTIVATIONS, COSTS
 from rlcore.optimizers import take_step
 
@@ -92,12 +84,19 @@ class MLP:
             raise ValueError(f"x: got shape {a.shape}, must be ({self.sizes[0]},) or (B, {self.sizes[0]})")
         self.zs, self.activations = [], [a]
         for w, b, sigma in zip(self.weights, self.biases, self._sigma):
-            z = a @ w.T  # eq-nn-30, a sample a row
+            z = a.dot(w.T)  # eq-nn-30, a sample a row
             z += b
             a = sigma(z)  # eq-nn-31
             self.zs.append(z)
             self.activations.append(a)
+        if not all_finite(a):
+            self._complain(x)
         return a
+
+    def _complain(self, x):
+        """ValueError about outputs that are not finite: because of x, or because steps were too large."""
+        check_samples("x", x, self.theta.dtype)
+        raise ValueError("theta: gives outputs that are not finite, must be smaller; take smaller steps (lr, alpha)")
 
     def backward(self, d_outputs):
         """Gradient of the cost with respect to theta, summed over the samples of the last `forward`. alg-backprop
@@ -105,7 +104,7 @@ class MLP:
         d_outputs: dJ/da^L, of the outputs' shape. Returns (P,), ordered as theta. Keeps deltas[l], dJ/dz of layer
         l + 1. Source: Rumelhart, Hinton and Williams (1986); Nielsen (2015), chapter 2.
         """
-        d_outputs, a, z = as_samples("d_outputs", d_outputs, self.theta.dtype), self.activations, self.zs
+        d_outputs, a, z = check_samples("d_outputs", d_outputs, self.theta.dtype), self.activations, self.zs
         if not a or d_outputs.shape != a[-1].shape:
             expected = a[-1].shape if a else "that of a forward pass, and there was none"
             raise ValueError(f"d_outputs: got shape {d_outputs.shape}, must be {expected}")
@@ -114,14 +113,14 @@ class MLP:
         self.deltas = deltas = [None] * len(z)
         deltas[-1] = d_outputs * self._slope[-1](z[-1], a[-1])  # eq-nn-34
         for l in reversed(range(len(z) - 1)):
-            deltas[l] = deltas[l + 1] @ self.weights[l + 1] * self._slope[l](z[l], a[l + 1])  # eq-nn-35
+            deltas[l] = deltas[l + 1].dot(self.weights[l + 1]) * self._slope[l](z[l], a[l + 1])  # eq-nn-35
         for l, delta in enumerate(deltas):
             if delta.ndim == 1:
                 d_biases[l][:] = delta  # eq-nn-36
-                d_weights[l][:] = np.outer(delta, a[l])  # eq-nn-37
+                np.multiply(delta[:, None], a[l], out=d_weights[l])  # eq-nn-37
             else:  # the same, summed over the samples
                 np.add.reduce(delta, axis=0, out=d_biases[l])
-                np.matmul(delta.T, a[l], out=d_weights[l])
+                np.dot(delta.T, a[l], out=d_weights[l])
         return gradient
 
     def jvp(self, v):
@@ -129,7 +128,7 @@ class MLP:
 
         Forward mode: beside each layer's activation goes its derivative. Source: Pearlmutter (1994).
         """
-        v = as_samples("v", v, self.theta.dtype)
+        v = check_samples("v", v, self.theta.dtype)
         if v.shape != self.theta.shape or not self.zs:
             raise ValueError(f"v: got shape {v.shape}, must be {self.theta.shape}, after a forward pass")
         da = np.zeros_like(self.activations[0])
@@ -169,7 +168,8 @@ def _layers(theta, sizes):
     return weights, biases
 
 
-def _network(name, net, given):
+def network(name, net, given):
+    """The rule of an MLP or a TorchNet."""
     if not all(hasattr(net, part) for part in ("forward", "backward", "step", "theta")):
         raise ValueError(f"{name}: got {type(net).__name__}, must be an MLP or a TorchNet")
     return net
@@ -194,7 +194,7 @@ def _answers(name, y, given):
     return y
 
 
-LEARNING = dict(net=_network, y=_answers, cost=choice(*COSTS))
+LEARNING = dict(net=network, y=_answers, cost=choice(*COSTS))
 
 
 @checked(**LEARNING, x=_samples(1, 2))
@@ -326,7 +326,7 @@ def _values(f, x):
 
 def check_network(name, net, n_in, n_out):
     """ValueError unless net is an MLP or TorchNet with an optimizer, from n_in numbers to n_out."""
-    if getattr(_network(name, net, None), "optimizer", None) is None:
+    if getattr(network(name, net, None), "optimizer", None) is None:
         raise ValueError(f"{name}: has no optimizer, needs one such as Adam(0.01)")
     try:
         shape = np.shape(net.forward(np.zeros((2, n_in))))

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from rlcore.core.checks import as_samples, check_finite, check_positive, checked, function_of, is_number, show
+from rlcore.core.checks import check_finite, check_positive, is_number, show
+from rlcore.core.rules import checked, function_of
+from rlcore.core.samples import check_samples
 
 
 def _decay(name, value, given):
@@ -71,7 +73,7 @@ def _check_gradient(theta, gradient, state):
     """gradient as an array of theta's shape and dtype."""
     if not isinstance(theta, np.ndarray) or theta.dtype.kind != "f":
         raise ValueError(f"theta: got {show(theta)}, must be an array of floats, which changes in place")
-    gradient = as_samples("gradient", gradient, theta.dtype)
+    gradient = check_samples("gradient", gradient, theta.dtype)
     if gradient.shape != theta.shape or (state is not None and state.shape != theta.shape):
         raise ValueError(f"gradient: got shape {gradient.shape}, must be that of theta, {theta.shape}, always")
     return gradient

@@ -4,9 +4,10 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import Model, check_positive, checked, function_of, is_number, show, takes_none
+from rlcore.core.checks import Model, check_positive, is_number, show
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
+from rlcore.core.rules import checked, takes_none
 from rlcore.core.schedules import at
 from rlcore.core.worlds import FOREVER, open_world, total
 from rlcore.distributions import Categorical
@@ -26,7 +27,7 @@ def _baseline(*names):
     def rule(name, baseline, given):
         if isinstance(baseline, str) and baseline in names:
             return baseline
-        if baseline is not None and not (is_number(baseline) and np.isfinite(baseline)):
+        if baseline is not None and not (is_number(baseline) and -np.inf < baseline < np.inf):
             allowed = "".join(f", {kind!r}" for kind in names)
             raise ValueError(f"{name}: got {show(baseline)}, must be None, a number{allowed}")
         return float(baseline or 0.0)
@@ -127,7 +128,6 @@ NETWORKS = dict(  # the rules of net, which maps observations to logits, and of 
     alpha_w=check_positive,
     net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
     critic=_critic,
-    on_episode=function_of("(return, steps so far)"),
 )
 
 

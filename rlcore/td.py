@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from rlcore.bellman import v_from_q
-from rlcore.core.checks import anything, as_flags, check_pi, checked, elementwise, spaces, takes_none
+from rlcore.core.checks import as_flags, check_pi, spaces
 from rlcore.core.compiled import inlined
 from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.rules import anything, checked, elementwise, takes_none
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at, check_schedule, now
 from rlcore.core.worlds import act, reset

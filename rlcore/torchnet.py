@@ -2,8 +2,9 @@
 
 import copy
 
-from rlcore.core.checks import as_samples, check_dtype, checked
 from rlcore.core.extras import extra
+from rlcore.core.rules import check_dtype, checked
+from rlcore.core.samples import check_samples
 from rlcore.nn import MLP
 from rlcore.optimizers import Adam, take_step
 
@@ -92,7 +93,7 @@ class TorchNet:
         take_step(self, gradient)
 
     def _tensor(self, name, values):
-        return self._torch.as_tensor(as_samples(name, values, self.theta.dtype), device=self._flat.device)
+        return self._torch.as_tensor(check_samples(name, values, self.theta.dtype), device=self._flat.device)
 
     def copy(self, dtype=None):
         module = copy.deepcopy(self.module)

@@ -16,8 +16,9 @@ import rlcore
 from rlcore.mdp import FiniteMDP, rollout, uniform_policy
 
 LEFT_OUT = {  # what no user calls: the ground that the others stand on, and what only draws or declares
-    "rlcore.core.checks", "rlcore.core.chains", "rlcore.core.compiled", "rlcore.core.extras", "rlcore.core.learner",
-    "rlcore.core.outcomes", "rlcore.core.results", "rlcore.core.sampling", "rlcore.core.worlds",
+    f"rlcore.core.{name}"
+    for name in ("chains", "checks", "compiled", "extras", "learner", "outcomes", "results", "rules", "samples",
+                 "sampling", "worlds")
 }  # fmt: skip
 BAD = {
     "None": None, "NaN": np.nan, "infinity": np.inf, "minus infinity": -np.inf, "text": "text", "digits": "1",
@@ -40,7 +41,9 @@ def is_good(name, argument, kind):
     return kind in GOOD.get(argument, ()) or kind in GOOD.get(f"{name} {argument}", ())
 
 
-GOOD = {}  # argument, or "function argument": the kinds of BAD that are fine, where what they do takes too long to try
+GOOD = {  # argument, or "function argument": kinds of BAD that are fine, where trying them takes long or leaves files
+    "sweep.sweep executor": ["None"], "sweep.sweep store": ["text", "digits"],
+}  # fmt: skip
 
 
 def public():
@@ -126,7 +129,8 @@ HOLDERS = {  # what functions return or pass on, which no user makes or calls
     "trust_region.Steps", "nstep.values_on_the_way", "traces.kept", "explore.Explorer", "envs.gym.LegalActions",
     # what algorithms that learn with networks share, called with what they have checked
     "optimizers.take_step", "core.agents.make_agent", "core.rollouts.collect", "core.rollouts.rollouts",
-    "core.rollouts.make_run", "gae.learning_data", "reinforce.sizes", "reinforce.make_networks",
+    "core.rollouts.make_run", "core.rollouts.config_of", "trpo.fit_values",
+    "gae.learning_data", "reinforce.sizes", "reinforce.make_networks",
     "reinforce.TimeBaseline", "policies.probabilities", "policies.choose", "policies.add_score", "policies.dot",
     "policies.epsilon_greedy", "policies.max_value", "policies.expected_value", "policy_gradient.softmax_episode",
     "core.schedules.at", "core.schedules.now",

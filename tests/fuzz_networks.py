@@ -1,7 +1,12 @@
 """Good calls of what learns with networks, where the names of ARGUMENTS do not say enough."""
 
+import tempfile
+from concurrent.futures import Executor, Future
+from functools import cache
+from pathlib import Path
+
 import numpy as np
-from fuzz import network, torch_net
+from fuzz import env_of, job, network, tensors, torch_net
 
 
 def run(net):
@@ -112,4 +117,196 @@ for name in ("sample", "log_prob", "entropy", "kl", "grad_log_prob", "grad_entro
     for kind, make in dict(Categorical=categorical, Gaussian=gaussian).items():
         full = f"distributions.{kind}.{name}"
         POLICIES[full] = dict(self=make) | POLICIES.get(full, {})
-CALLS = NEURONS | NETWORKS | POLICIES
+
+
+def cartpole():
+    return env_of()
+
+
+def net42(n_out=2):
+    return network(4, n_out)
+
+
+def never(*_):
+    return False
+
+
+LEARNERS = {
+    name: dict(world=cartpole, max_steps=lambda: 4, net=net42, critic=lambda: network(4, 1), on_episode=lambda: never)
+    for name in ("reinforce.reinforce_network", "actor_critic.actor_critic_network")
+}
+LEARNERS["reinforce.reinforce_network"]["baseline"] = lambda: "value"
+LEARNERS["core.schedules.decaying"] = dict(first=lambda: 0.5)
+
+
+def critic():
+    return network(2, 1)
+
+
+def learner():
+    """An actor-critic that has seen two samples."""
+    from rlcore.core.agents import ActorCritic
+
+    made = ActorCritic(network(2, 2), critic())
+    made.forward(np.array([[0.1, 0.2], [0.3, -0.4]], np.float32))
+    return made
+
+
+def normaliser():
+    from rlcore.core.agents import Normaliser
+
+    return Normaliser(2)
+
+
+def on_policy():
+    return learner().forward(np.array([[0.1, 0.2], [0.3, -0.4]]))[0]
+
+
+def small(kind="PPOConfig", **more):
+    import rlcore.ppo
+    import rlcore.trpo
+
+    made = getattr(rlcore.ppo, kind, None) or getattr(rlcore.trpo, kind)
+    return made(horizon=4, epochs=1, minibatch=4, hidden=(3,), **more)
+
+
+def quadratic(x):
+    return -float(np.square(x).sum())
+
+
+LABELS, TWO = (lambda: np.array([0, 1])), (lambda: np.array([0.5, -1.0]))
+POINT, UP = (lambda: np.array([1.0, 1.0])), (lambda: np.array([-1.0, -1.0]))
+AGENTS = {
+    "core.agents.ActorCritic": dict(critic=critic, log_std=lambda: np.zeros(2), log_std_optimizer=adam,
+                                    normaliser=normaliser),
+    "core.agents.ActorCritic.distribution": dict(outputs=D),
+    "core.agents.ActorCritic.policy": dict(observations=D),
+    "core.agents.ActorCritic.values": dict(observations=D),
+    "core.agents.ActorCritic.see": dict(observations=D),
+    "core.agents.ActorCritic.likeliest": dict(observation=TWO),
+    "core.agents.ActorCritic.step": dict(d_policy=D, d_values=TWO),
+    "core.agents.Normaliser": dict(d=lambda: 2),
+    "core.agents.Normaliser.update": dict(self=normaliser),
+    "core.rollouts.vector_env": dict(world=cartpole),
+    "gae.gae": dict(
+        next_values=lambda: np.array([1.0, 1.5, 2.0]),
+        terminated=lambda: np.array([False, False, True]),
+        truncated=lambda: np.array([False, True, False]),
+    ),
+    "ppo.surrogate_gradient": dict(ratio=TWO, advantage=TWO),
+    "ppo.clip_gradient": dict(ratio=TWO, advantage=TWO),
+    "ppo.objective_gradient": dict(
+        policy=categorical, old=categorical, actions=LABELS, old_log_prob=TWO, advantage=TWO,
+        config=lambda: small(objective="kl_fixed"), beta=lambda: 1.0,
+    ),
+    "ppo.ppo": dict(world=cartpole, net=net42, critic=lambda: network(4, 1), config=small, on_episode=lambda: never),
+    "trpo.trpo": dict(
+        world=cartpole, net=net42, critic=lambda: network(4, 1), config=lambda: small("TRPOConfig"),
+        on_episode=lambda: never,
+    ),
+    "trpo.conjugate_gradient": dict(product=lambda: lambda v: 2 * v, b=TWO),
+    "trpo.fisher_vector_product": dict(agent=learner, policy=on_policy, v=V),
+    "trpo.trpo_step": dict(agent=learner, actions=LABELS, advantage=TWO, config=lambda: small("TRPOConfig")),
+}  # fmt: skip
+for name in ("forward", "distribution", "policy", "values", "likeliest", "step", "set_lr", "see", "acting"):
+    full = f"core.agents.ActorCritic.{name}"
+    AGENTS[full] = dict(self=learner) | AGENTS.get(full, {})
+REGIONS = {
+    "trust_region.lower_bound": dict(C=lambda: 1.0),
+    "trust_region.policy_line": dict(base=D, direction=D, theta=lambda: 0.5),
+    "trust_region.mm_maximise": dict(bound=lambda: lambda theta, new: -np.square(new - theta + 0.1), theta=lambda: 1.0),
+    "trust_region.backtracking_line_search": dict(
+        f=lambda: quadratic, x=POINT, direction=UP, slope=lambda: 4.0, max_steps=lambda: 5
+    ),
+    "trust_region.trust_region_step": dict(g=TWO, H=lambda: -np.eye(2), radius=lambda: 1.0),
+    "trust_region.trust_region_ascent": dict(
+        f=lambda: quadratic, gradient=lambda: lambda x: -2 * x, hessian=lambda: lambda x: -2 * np.eye(2), x=POINT
+    ),
+    "trust_region.penalised_ascent": dict(d_target=lambda: 0.01),
+}
+
+
+def tensor(*shape):
+    return lambda: tensors(shape)[0]
+
+
+def chosen():
+    import torch
+
+    return torch.tensor([0, 1])
+
+
+TENSORS = dict(
+    outputs=tensor(2, 3), logits=tensor(2, 3), old=tensor(2, 3), actions=chosen, labels=chosen, advantage=tensor(2),
+    values=tensor(2), target=tensor(2),
+)  # fmt: skip
+LOSSES = {
+    f"losses.{name}": TENSORS
+    for name in (
+        "distribution", "label_objective", "pg_objective", "ratio", "surrogate", "mean_kl", "kl_penalised",
+        "clip_objective", "value_loss", "entropy", "ppo_objective",
+    )
+}  # fmt: skip
+
+
+class Here(Executor):
+    """Runs at once, in this process."""
+
+    def submit(self, function, *args):
+        future = Future()
+        future.set_result(function(*args))
+        return future
+
+
+@cache
+def folder():
+    return tempfile.TemporaryDirectory()
+
+
+def picture(choices=0):
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(1, 1))
+
+
+def settings():
+    return [dict(a=1)]
+
+
+WIDE = {
+    "sweep.sweep": dict(
+        function=lambda: job, settings=settings, seeds=lambda: [0], store=lambda: folder().name, executor=Here
+    ),
+    "explore.explore": dict(
+        draw=lambda: picture, title=lambda: "T", alt=lambda: lambda choices: "a picture", choices=lambda: [1, 2],
+        labels=lambda: dict(choices="c"),
+    ),
+}  # fmt: skip
+
+
+def row56():
+    setting = dict(baseline="time", hidden=16.0, lr=0.01, gamma=0.99)
+    return setting | dict(solved=150.0, last=190.0, steps=9e4, blocks="20 30.5")
+
+
+STUDIES = {
+    "studies.ch06.load_digits_28": dict(size=lambda: 8),
+    "studies.ch07.solved": dict(lengths=lambda: np.full(120, 200.0)),
+    "studies.ch07.runs": dict(rows=lambda: [row56()]),
+    "studies.ch07.bluff_values": dict(x=lambda: 0.3, y=lambda: 0.6),
+    "studies.ch07.bluff_guarantee": dict(x=lambda: 0.3),
+    "studies.ch07.bluff_gradients": dict(x=lambda: 0.3, y=lambda: 0.6),
+    "studies.ch07.bluff_learning": dict(x=lambda: 0.3, y=lambda: 0.6),
+    "studies.ch08.supervised_logprob_grad": dict(net=mlp),
+    "studies.ch08.supervised_logprob_step": dict(net=mlp),
+    "studies.ch08.episode_outcome_pg": dict(features=lambda: np.eye(3)),
+    "studies.ch08.label_bandit": dict(n_classes=lambda: 2),
+    "studies.ch08.factorise": dict(
+        ratings=D, known=lambda: np.array([[True, False], [True, True]]), items=lambda: np.ones((2, 1))
+    ),
+    "studies.ch08.recommend": dict(truth=D, n_rounds=lambda: 2),
+    "studies.figure61.scores": dict(rows=lambda: [dict(task="Hopper", setting="none", seed=0.0, score=1.0)]),
+    "studies.figure61.rank_correlation": dict(x=TWO, y=TWO),
+    "studies.tables.read": dict(path=lambda: Path(__file__).parents[1] / "book" / "data" / "figure56.csv"),
+}
+CALLS = NEURONS | NETWORKS | POLICIES | LEARNERS | AGENTS | REGIONS | LOSSES | WIDE | STUDIES

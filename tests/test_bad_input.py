@@ -10,13 +10,15 @@ from worlds import awkward, loop, stay_or_go
 
 from rlcore import bellman, dp, envs, mdp, td, traces
 from rlcore.batch import batch_td
-from rlcore.core.checks import anything, as_floats, check_count, check_rate, checked
+from rlcore.core.checks import as_floats, check_count, check_rate
 from rlcore.core.learner import learner
+from rlcore.core.rules import anything, checked
 from rlcore.core.schedules import check_schedule, decaying
 from rlcore.mdp import FiniteMDP, uniform_policy
 from rlcore.monte_carlo import mc_prediction
+from rlcore.mpc import linear_dynamics
 from rlcore.nstep import n_step_td
-from rlcore.planning import Transitions, dyna_q, linear_dynamics, replay
+from rlcore.planning import Transitions, dyna_q, replay
 from rlcore.policies import softmax_policy
 from rlcore.policy_gradient import gradient_ascent
 from rlcore.reinforce import reinforce
@@ -423,17 +425,21 @@ def test_rng_is_required():
         lambda: mdp.sample_returns(ROBOT, PI, 0.9, 2, s=0, max_steps=3),
         lambda: envs.random_mdp(3, 2),
     ):
-        with pytest.raises(TypeError, match=r"^\w+\(\) missing .*required .*argument: 'rng'"):
+        with pytest.raises(TypeError, match=r"^\w+\(\):? missing .*required .*argument: 'rng'"):
             call()
 
 
 def test_a_learner_that_is_called_amiss_says_its_name():
     for call, says in (
-        (lambda: td.td0(ROBOT, PI, 0.9, 1, rng=RNG), r"td0\(\) missing a required argument: 'alpha'"),
-        (lambda: td.td0(ROBOT, PI, 0.9, 1, 0.1, rng=RNG), r"td0\(\) too many positional arguments"),
-        (lambda: td.q_learning(ROBOT, pi=PI), r"q_learning\(\) missing a required argument: 'gamma'"),
-        (lambda: td.td0(ROBOT, PI, 0.9, 1, alpha=0.1, groups=[0, 0], rng=RNG), r"td0\(\) got an unexpected .*'groups'"),
-        (lambda: dp.value_iteration(ROBOT, gama=0.9), r"value_iteration\(\) .*'gam"),
+        (lambda: td.td0(ROBOT, PI, 0.9, 1, rng=RNG), r"td0\(\): missing a required argument: 'alpha'"),
+        (lambda: td.td0(ROBOT, PI, 0.9, 1, 0.1, rng=RNG), r"td0\(\): too many positional arguments"),
+        (lambda: td.q_learning(ROBOT, pi=PI), r"q_learning\(\): missing a required argument: 'gamma'"),
+        (lambda: td.td0(ROBOT, PI, 0.9, 1, alpha=0.1, world=ROBOT, rng=RNG), r"td0\(\): multiple values .* 'world'"),
+        (
+            lambda: td.td0(ROBOT, PI, 0.9, 1, alpha=0.1, groups=[0, 0], rng=RNG),
+            r"td0\(\): got an unexpected .*'groups'",
+        ),
+        (lambda: dp.value_iteration(ROBOT, gama=0.9), r"value_iteration\(\): .*'gam"),
     ):
         with pytest.raises(TypeError, match=f"^{says}"):
             call()

@@ -107,5 +107,18 @@ def test_what_cannot_be_measured_is_refused():
         first_updates(q_learning, dyna_maze(), 0.95, 2, **settings)
     with pytest.raises(ValueError, match=r"^V: got shape \(\), must be \(S,\)"):
         squared_error(0.0, [([0, 1], [3.0])], 0.9)
+    for V, episode, gamma, says in (
+        ([0.0, np.nan], ([0, 1], [3.0]), 0.9, "V: contains nan, must be finite"),
+        ("ab", ([0, 1], [3.0]), 0.9, "V: got 'ab', must be numbers"),
+        ([0.0, 1.0], ([0.0, 1.0], [3.0]), 0.9, "states: got dtype float64, must be integers"),
+        ([0.0, 1.0], ([0, -1], [3.0]), 0.9, r"states: got .*, must be .T,. or .T . 1,. states from 0 on"),
+        ([0.0, 1.0], ([0, 2], [3.0]), 0.9, r"states: got .* states in 0\.\.1"),
+        ([0.0, 1.0], ([0, 1], [np.inf]), 0.9, "rewards: contains inf, must be finite"),
+        ([0.0, 1.0], ([0, 1], ["a"]), 0.9, "rewards: got .*, must be numbers"),
+        ([0.0, 1.0], ([0, 1], []), 0.9, r"rewards: got shape .0,., must be .T,. with T at least 1"),
+        ([0.0, 1.0], ([0, 1], [3.0]), 1.5, "gamma: got 1.5"),
+    ):
+        with pytest.raises(ValueError, match=f"^{says}"):
+            squared_error(V, [episode], gamma)
     with pytest.raises(ValueError, match="^states: got 1, must be as many as rewards, or one more"):
         squared_error(np.zeros(2), [([0], [3.0, 1.0])], 0.9)

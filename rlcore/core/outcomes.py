@@ -4,18 +4,8 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    array,
-    as_flags,
-    as_floats,
-    check_entries,
-    check_index,
-    checked,
-    is_number,
-    rule_of,
-    show,
-)
+from rlcore.core.checks import as_flags, as_floats, check_entries, check_index, is_number, show
+from rlcore.core.rules import anything, array, checked, rule_of
 
 INT32 = np.iinfo(np.int32)
 

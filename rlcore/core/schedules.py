@@ -2,16 +2,21 @@
 
 from collections import namedtuple
 
-from rlcore.core.checks import check_flag, check_nonnegative, check_probability, check_rate, checked, is_number, show
+from rlcore.core.checks import check_flag, check_nonnegative, check_probability, check_rate, is_number, show
 from rlcore.core.compiled import compiled
+from rlcore.core.rules import checked
 
 # max(floor, first / (1 + rate n)^power) after n visits (a step size), n episodes or n steps (epsilon)
 Schedule = namedtuple("Schedule", "first rate power floor per_step")
 
 
-@checked(
-    first=check_rate, rate=check_nonnegative, power=check_nonnegative, floor=check_probability, per_step=check_flag
-)
+def _floor(name, floor, given):
+    if check_probability(name, floor) > given["first"]:
+        raise ValueError(f"{name}: got {show(floor)}, must be at most first, {given['first']:g}")
+    return float(floor)
+
+
+@checked(first=check_rate, rate=check_nonnegative, power=check_nonnegative, floor=_floor, per_step=check_flag)
 def decaying(first, *, rate=1.0, power=1.0, floor=0.0, per_step=False):
     """A step size or epsilon that falls: first / (1 + rate n)^power, never below `floor`. om-convergence-conditions
 

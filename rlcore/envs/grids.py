@@ -2,19 +2,9 @@
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    as_integers,
-    check_finite,
-    check_flag,
-    checked,
-    choice,
-    is_number,
-    show,
-    sized,
-    takes_none,
-)
+from rlcore.core.checks import as_integers, check_finite, check_flag, is_number, show
 from rlcore.core.outcomes import freeze
+from rlcore.core.rules import anything, checked, choice, sized, takes_none
 from rlcore.mdp import FiniteMDP
 
 __all__ = ["blocking_maze", "cliff_walking", "dyna_maze", "gridworld", "maze", "two_goal_maze", "windy_gridworld"]
