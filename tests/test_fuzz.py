@@ -7,7 +7,12 @@ import fuzz_networks
 import fuzz_tables
 import pytest
 
-pytestmark = pytest.mark.long
+from rlcore.core.compiled import HAVE_NUMBA
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(not HAVE_NUMBA, reason="loops to be compiled look like functions that users call"),
+]
 CALLS = fuzz_tables.CALLS | fuzz_networks.CALLS
 FUNCTIONS = fuzz.public()
 
