@@ -4,23 +4,45 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    as_floats,
-    as_integers,
-    check_finite,
-    check_flag,
-    check_rate,
-    checked,
-    count,
-    finite,
-    show,
-)
+from rlcore.core.checks import as_integers, checked, finite, show
 from rlcore.mdp import Trajectory, discounted_returns
 from rlcore.td import td_error
 
 
-@checked(episodes=anything, unvisited=check_finite, alpha=check_rate, max_sweeps=count(), each=check_flag)
+def episode_pairs(name, episodes, given):
+    """The rule of episodes, Trajectories or pairs: a list of (states, rewards)."""
+    if isinstance(episodes, (str, bytes)) or not hasattr(episodes, "__iter__"):
+        raise ValueError(f"{name}: got {show(episodes)}, must be Trajectories, or pairs of states and rewards")
+    pairs = []
+    for i, episode in enumerate(episodes):
+        if not isinstance(episode, Trajectory) and not (isinstance(episode, (tuple, list)) and len(episode) == 2):
+            raise ValueError(f"{name}: number {i} is {show(episode)}, must be a Trajectory, or (states, rewards)")
+        states, rewards = (episode.states, episode.rewards) if isinstance(episode, Trajectory) else episode
+        states, rewards = as_integers(name, states), finite(name, rewards)
+        if states.ndim != 1 or rewards.ndim != 1 or rewards.size == 0 or states.min(initial=0) < 0:
+            raise ValueError(
+                f"{name}: number {i} is {show(episode)}, must be states from 0 on, and T rewards, T at least 1"
+            )
+        pairs.append((states, rewards))
+    if not pairs:
+        raise ValueError(f"{name}: got {show(episodes)}, must be at least one")
+    return pairs
+
+
+def _ended(name, episodes, given):
+    """The rule of episodes that ran to their end, T + 1 states each."""
+    episodes = list(episodes) if hasattr(episodes, "__iter__") and not isinstance(episodes, (str, bytes)) else episodes
+    pairs = episode_pairs(name, episodes, given)
+    for i, (episode, (states, rewards)) in enumerate(zip(episodes, pairs)):
+        if not getattr(episode, "terminated", True):
+            raise ValueError(f"{name}: number {i} was cut before its end, must run to a terminal state")
+        if states.size != rewards.size + 1:
+            sizes = f"{states.shape} states and {rewards.shape} rewards"
+            raise ValueError(f"{name}: number {i} has {sizes}, must be T + 1 and T, with T at least 1")
+    return pairs
+
+
+@checked(episodes=_ended)
 def batch_mc(episodes, n_states, gamma, *, unvisited=0.0, alpha=None, tol=1e-10, max_sweeps=100_000, each=False):
     """V (S,) with the least squared error on the episodes: the mean return of each state. alg-batch-mc, cl-048
 
@@ -49,7 +71,7 @@ def _first_values(name, V0, given):
     return V0
 
 
-@checked(episodes=anything, alpha=check_rate, V0=_first_values, max_sweeps=count())
+@checked(episodes=_ended, V0=_first_values)
 def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sweeps=100_000):
     """V (S,) that batch TD(0) settles at, the certainty-equivalence estimate. alg-batch-td, cl-046, cl-050
 
@@ -62,12 +84,13 @@ def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sw
     s, s_next = batch.s, batch.s_next
 
     def increments(V):
-        return np.bincount(s, td_error(batch.r, V[s], V[s_next], gamma, batch.terminal[s_next]), V.size)  # eq-19
+        delta = td_error.unchecked(batch.r, V[s], V[s_next], gamma, batch.terminal[s_next])
+        return np.bincount(s, delta, V.size)  # eq-19
 
     return _sweep(increments, np.where(batch.terminal, 0.0, V0), alpha, tol, max_sweeps)
 
 
-@checked(episodes=anything, unvisited=check_finite, each=check_flag)
+@checked(episodes=_ended)
 def certainty_equivalence(episodes, n_states, gamma, *, unvisited=0.0, each=False):
     """v (S,) of the most likely Markov process: transitions and rewards as counted. alg-certainty-equivalence, cl-050
 
@@ -86,34 +109,17 @@ Batch = namedtuple("Batch", "s r s_next episode rewards terminal")
 
 
 def _pool(episodes, n_states):
-    """The steps of all episodes as a Batch; ValueError unless every episode ends, in a state that none goes on from."""
-    S, pairs = n_states, []
-    if isinstance(episodes, (str, bytes)) or not hasattr(episodes, "__iter__"):
-        raise ValueError(f"episodes: got {show(episodes)}, must be Trajectories, or pairs of states and rewards")
-    for i, episode in enumerate(episodes):
-        if getattr(episode, "terminated", True) is False:
-            raise ValueError(f"episodes: number {i} was cut before its end, must run to a terminal state")
-        if not isinstance(episode, Trajectory) and not (isinstance(episode, (tuple, list)) and len(episode) == 2):
-            raise ValueError(f"episodes: number {i} is {show(episode)}, must be a Trajectory, or (states, rewards)")
-        states, rewards = (episode.states, episode.rewards) if isinstance(episode, Trajectory) else episode
-        states, rewards = as_integers("episodes", states), as_floats("episodes", rewards)
-        if rewards.ndim != 1 or rewards.size == 0 or states.shape != (rewards.size + 1,):
-            sizes = f"{states.shape} states and {rewards.shape} rewards"
-            raise ValueError(f"episodes: number {i} has {sizes}, must be T + 1 and T, with T at least 1")
-        pairs.append((states, rewards))
-    if not pairs:
-        raise ValueError(f"episodes: got {episodes!r}, must be at least one")
-    s, s_next, r = (np.concatenate(x) for x in zip(*((states[:-1], states[1:], r) for states, r in pairs)))
-    for x in (s, s_next):
-        if x.min() < 0 or x.max() >= S:
-            raise ValueError(f"episodes: got states {x.min()}..{x.max()}, must be in 0..{S - 1}")
-    if not np.isfinite(r).all():
-        raise ValueError("episodes: contain a reward that is not finite, must be finite")
-    terminal = np.zeros(S, bool)
-    terminal[[states[-1] for states, _ in pairs]] = True
+    """The steps of all episodes as a Batch; ValueError unless they end in states that none goes on from."""
+    s, s_next, r = (np.concatenate(x) for x in zip(*((states[:-1], states[1:], r) for states, r in episodes)))
+    if max(s.max(), s_next.max()) >= n_states:
+        raise ValueError(f"episodes: got states up to {max(s.max(), s_next.max())}, must be in 0..{n_states - 1}")
+    terminal = np.zeros(n_states, bool)
+    terminal[[states[-1] for states, _ in episodes]] = True
     if terminal[s].any():
-        raise ValueError(f"episodes: one ends in state {s[terminal[s]][0]}, another goes on from it; ends are terminal")
-    rewards = [rewards for _, rewards in pairs]
+        raise ValueError(
+            f"episodes: one ends in state {s[terminal[s]][0]}, another goes on from it; ends must be terminal"
+        )
+    rewards = [rewards for _, rewards in episodes]
     return Batch(s, r, s_next, np.repeat(np.arange(len(rewards)), [len(x) for x in rewards]), rewards, terminal)
 
 

@@ -125,7 +125,7 @@ def expected_visits(mdp, pi, gamma):
 @checked
 def deterministic_policies(mdp):
     """Every deterministic policy (S, A), for processes so small that they can be listed. eq-13, eq-14"""
-    allowed = [[0] if end else np.flatnonzero(row) for row, end in zip(mdp.legal, mdp.terminal)]
+    allowed = [np.flatnonzero(row)[: 1 if end else None] for row, end in zip(mdp.legal, mdp.terminal)]
     return (deterministic_policy(mdp, np.array(actions)) for actions in itertools.product(*allowed))
 
 

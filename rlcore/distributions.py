@@ -5,7 +5,8 @@ from math import e, log, pi
 
 import numpy as np
 
-from rlcore.core.checks import check_rng
+from rlcore.core.checks import check_rng, show
+from rlcore.core.samples import check_labels, check_samples
 from rlcore.core.sampling import cumulative
 from rlcore.neurons import log_softmax
 
@@ -23,7 +24,7 @@ class Categorical:
     def __post_init__(self):
         logits = _outputs("logits", self.logits)
         object.__setattr__(self, "logits", logits)
-        object.__setattr__(self, "log_probs", log_softmax(logits))
+        object.__setattr__(self, "log_probs", log_softmax.unchecked(logits))
 
     @property
     def probs(self):
@@ -37,7 +38,8 @@ class Categorical:
 
     def log_prob(self, a):
         """ln pi(a|s), (B,). a: (B,) integers."""
-        return np.take_along_axis(self.log_probs, self._actions(a)[..., None], axis=-1)[..., 0]
+        a = self._actions(a)
+        return self.log_probs.reshape(-1, self.logits.shape[-1])[np.arange(a.size), a.ravel()].reshape(a.shape)
 
     def entropy(self):
         """-sum over a of pi(a|s) ln pi(a|s), (B,)."""
@@ -60,23 +62,17 @@ class Categorical:
         return _same(self, other).probs - self.probs
 
     def take(self, rows):
-        """The policy in some of the states."""
-        return Categorical(self.logits[rows])
+        """The policy in some of the states, by their numbers."""
+        return Categorical(self.logits[_rows(rows, self.logits)])
 
     def fisher(self, d_logits):
         """Fisher information of the logits times a change of them, (B, A): second derivative of KL(self, .) at self."""
-        p = self.probs
+        p, d_logits = self.probs, _like("d_logits", d_logits, self.logits)
         return p * (d_logits - (p * d_logits).sum(axis=-1, keepdims=True))
 
     def _actions(self, a):
-        a, A = np.asarray(a), self.logits.shape[-1]
-        if a.dtype.kind not in "iu":
-            raise ValueError(f"a: got dtype {a.dtype}, must be integers; continuous actions need a Gaussian")
-        if a.shape != self.logits.shape[:-1]:
-            raise ValueError(f"a: got shape {a.shape}, must be {self.logits.shape[:-1]}")
-        if ((a < 0) | (a >= A)).any():
-            raise ValueError(f"a: got {a.min()}..{a.max()}, must be in 0..{A - 1}")
-        return a
+        *shape, A = self.logits.shape
+        return check_labels("a", a, A, tuple(shape), "integers; continuous actions need a Gaussian")
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,15 +128,17 @@ class Gaussian:
         return z * np.exp(-other.log_std), 1 - np.exp(2 * (self.log_std - other.log_std)) - z**2
 
     def take(self, rows):
-        """The policy in some of the states."""
+        """The policy in some of the states, by their numbers."""
+        rows = _rows(rows, self.mean)
         return Gaussian(self.mean[rows], self.log_std[rows])
 
     def fisher(self, d_mean, d_log_std):
         """Fisher information of (mean, log_std) times a change of them: second derivative of KL(self, .) at self."""
-        return d_mean * np.exp(-2 * self.log_std), 2 * np.broadcast_to(d_log_std, self.mean.shape)
+        d_mean, d_log_std = _like("d_mean", d_mean, self.mean), _like("d_log_std", d_log_std, self.mean)
+        return d_mean * np.exp(-2 * self.log_std), 2 * d_log_std
 
     def _z(self, a):
-        a = np.asarray(a, self.mean.dtype)
+        a = check_samples("a", a, self.mean.dtype)
         if a.shape != self.mean.shape:
             raise ValueError(f"a: got shape {a.shape}, must be {self.mean.shape}")
         return (a - self.mean) * np.exp(-self.log_std)
@@ -148,17 +146,35 @@ class Gaussian:
 
 def _outputs(name, values):
     """values as a floating array of at least one dimension, all finite."""
-    values = np.asarray(values)
-    if values.dtype.kind not in "fiu" or values.ndim == 0 or values.shape[-1] == 0:
-        raise ValueError(f"{name}: got {values.dtype} of shape {values.shape}, must be numbers, (B, A) or (A,)")
-    if not np.isfinite(values).all():
-        raise ValueError(f"{name}: contains a value that is not finite, must be numbers")
-    return values if values.dtype.kind == "f" else values.astype(float)
+    if isinstance(values, np.ndarray) and values.dtype.kind == "f":
+        values = check_samples(name, values, values.dtype)
+    else:
+        values = check_samples(name, values, float)
+    if values.ndim == 0 or values.shape[-1] == 0:
+        raise ValueError(f"{name}: got shape {values.shape}, must be (B, A) or (A,)")
+    return values
+
+
+def _like(name, values, outputs):
+    """values in the dtype and, where there is more than one row, in the shape of the outputs."""
+    values = check_samples(name, values, outputs.dtype)
+    if values.shape not in (outputs.shape, outputs.shape[-1:]):
+        raise ValueError(f"{name}: got shape {values.shape}, must be {outputs.shape}")
+    return np.broadcast_to(values, outputs.shape)
+
+
+def _rows(rows, outputs):
+    """rows as an index; ValueError unless they are numbers of rows of the outputs."""
+    return check_labels("rows", rows, len(outputs))
 
 
 def _same(policy, other):
     """other; ValueError unless it is of the same kind and shape as policy."""
-    shapes = [getattr(p, "logits", getattr(p, "mean", None)) for p in (policy, other)]
-    if type(other) is not type(policy) or shapes[0].shape != shapes[1].shape:
-        raise ValueError(f"other: got {other!r}, must be a {type(policy).__name__} of shape {shapes[0].shape}")
+    if type(other) is not type(policy) or _parts(other)[0].shape != _parts(policy)[0].shape:
+        kind, shape = type(policy).__name__, _parts(policy)[0].shape
+        raise ValueError(f"other: got {show(other)}, must be a {kind} of shape {shape}")
     return other
+
+
+def _parts(policy):
+    return (policy.logits,) if isinstance(policy, Categorical) else (policy.mean, policy.log_std)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rlcore.bellman import error_bound, greedy, policy_error_bound, policy_matrix, q_from_v, solve_policy
-from rlcore.core.chains import reaches
+from rlcore.bellman import error_bound, greedy, policy_error_bound, q_from_v, solve_policy
+from rlcore.core.chains import chain, reaches
 from rlcore.core.checks import check_policy, checked
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution
@@ -72,7 +72,7 @@ def policy_improvement(mdp, V, gamma, *, pi=None):
     return np.where(keep[:, None], pi, pi_new)
 
 
-@checked(pi0=lambda name, pi, given: check_policy(given["mdp"], pi))
+@checked(pi0=lambda name, pi, given: check_policy(given["mdp"], pi, name))
 def policy_iteration(mdp, gamma, *, pi0=None, max_iter=1000, record=0):
     """Optimal values and policy: evaluate exactly, improve, until the policy stays. alg-policy-iteration, cl-038
 
@@ -139,7 +139,7 @@ def _model(mdp):
 def _require_end(mdp, pi, gamma, fault):
     """ValueError at gamma = 1 unless pi reaches a terminal state from everywhere; uniform pi does where any does."""
     if gamma == 1:
-        ends = reaches(policy_matrix(mdp, pi)[0], mdp.terminal)
+        ends = reaches(chain(mdp, pi)[0], mdp.terminal)
         if not ends.all():
             s = np.flatnonzero(~ends)[0]
             raise ValueError(f"{fault} from state {s}, must reach a terminal state when gamma = 1")

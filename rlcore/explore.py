@@ -8,16 +8,17 @@ import base64
 import hashlib
 import html
 import itertools
+import math
 import numbers
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from urllib.parse import quote
 
+from rlcore.core.checks import checked, choice, function_of, show
 from rlcore.core.extras import extra
 
 MAX_FRAMES = 40
-
 GREEK = {"alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "theta": "θ", "lam": "λ", "pi": "π"}
 
 CSS = """
@@ -123,6 +124,42 @@ class Explorer:
             return bundle
 
 
+def _title(name, title, given):
+    if not isinstance(title, str) or not title.strip():
+        raise ValueError(f"{name}: got {show(title)}, must be a text that is not empty")
+    return title
+
+
+def _labels(name, labels, given):
+    if not isinstance(labels, dict) or set(labels) - set(given["choices"]):
+        raise ValueError(f"{name}: got {show(labels)}, must be texts for some of the choices {list(given['choices'])}")
+    return {key: str(text) for key, text in labels.items()}
+
+
+def _choices(name, choices, given):
+    """The rule of {name: values}: as lists, of numbers and words that look different from each other."""
+    if not choices:
+        raise ValueError(f"{name}: got none, must be one at least, such as gamma=[0.5, 0.9]")
+    lists = {}
+    for key, values in choices.items():
+        if isinstance(values, str | bytes) or not hasattr(values, "__iter__"):
+            raise ValueError(f"{key}: got {show(values)}, must be a list of numbers or words")
+        lists[key] = values = list(values)
+        if not values or not all(isinstance(value, str | numbers.Real) for value in values):
+            raise ValueError(f"{key}: got {show(values)}, must be numbers or words, one at least")
+        if len({_text(value) for value in values}) < len(values):
+            raise ValueError(f"{key}: got {show(values)}, must be values that look different from each other")
+    count = math.prod(map(len, lists.values()))
+    if count > MAX_FRAMES:
+        sizes = " x ".join(f"{len(values)} {key}" for key, values in lists.items())
+        raise ValueError(f"{name}: got {count} frames ({sizes}), must be at most {MAX_FRAMES}")
+    return lists
+
+
+@checked(
+    draw=function_of("the choices that returns a matplotlib Figure"), title=_title, labels=_labels, choices=_choices,
+    alt=function_of("the choices that returns a text"), fmt=choice("svg", "png"),
+)  # fmt: skip
 def explore(
     draw: Callable,
     *,
@@ -143,8 +180,6 @@ def explore(
     """
     from rlcore.plots.style import encode
 
-    choices = {name: list(values) for name, values in choices.items()}
-    _check(draw, title, alt, choices, labels or {})
     labels = {name: GREEK.get(name, name.replace("_", " ")) for name in choices} | (labels or {})
     frames, alts, fallback = {}, {}, b""
     for index in itertools.product(*(range(len(values)) for values in choices.values())):
@@ -155,33 +190,9 @@ def explore(
         words = ", ".join(f"{labels[name]} = {_text(value)}" for name, value in values.items())
         alts[index] = alt(**values) if alt else f"{title}: {words}"
         if not isinstance(alts[index], str) or not alts[index].strip():
-            raise ValueError(f"alt returned {alts[index]!r} for {words}; it must return a text that is not empty")
+            raise ValueError(f"alt: returned {show(alts[index])} for {words}, must return a text that is not empty")
         frames[index] = _img(mime, raw, alts[index])
     return Explorer(title, choices, labels, frames, alts, fallback)
-
-
-def _check(draw, title, alt, choices, labels):
-    if not callable(draw):
-        raise ValueError(f"draw={draw!r}; it must be a function that returns a matplotlib Figure")
-    if not isinstance(title, str) or not title.strip():
-        raise ValueError(f"title={title!r}; it must be a text that is not empty")
-    if alt is not None and not callable(alt):
-        raise ValueError(f"alt={alt!r}; it must be a function of the choices that returns a text, or None")
-    if not choices:
-        raise ValueError("no choices; at least one is needed, such as gamma=[0.5, 0.9]")
-    for name, values in choices.items():
-        if not values:
-            raise ValueError(f"{name}=[]; every choice needs at least one value")
-        if len({_text(value) for value in values}) < len(values):
-            raise ValueError(f"{name}={values!r}; the values must look different from each other")
-    if unknown := set(labels) - set(choices):
-        raise ValueError(f"labels has {sorted(unknown)}; allowed are the choices {list(choices)}")
-    count = 1
-    for values in choices.values():
-        count *= len(values)
-    if count > MAX_FRAMES:
-        sizes = " x ".join(f"{len(values)} {name}" for name, values in choices.items())
-        raise ValueError(f"choices give {count} frames ({sizes}); allowed are at most {MAX_FRAMES}")
 
 
 def _text(value):

@@ -2,9 +2,25 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_gamma, check_probability
+from rlcore.core.checks import as_flags, checked, finite
 
 
+def _like_rewards(kind):
+    def rule(name, values, given):
+        values = kind(name, values)
+        shape = given["rewards"].shape if name != "rewards" else values.shape
+        if values.shape != shape or values.ndim not in (1, 2) or not values.size:
+            shown = f"{name}: got shape {values.shape}"
+            raise ValueError(f"{shown}, must be that of rewards, (T,) or (T, N), and not empty")
+        return values
+
+    return rule
+
+
+_numbers, _flags = _like_rewards(finite), _like_rewards(as_flags)
+
+
+@checked(rewards=_numbers, values=_numbers, next_values=_numbers, terminated=_flags, truncated=_flags)
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     """Generalised advantage estimates: sums of (gamma lam)^l delta_{t+l} within the episode. om-gae, alg-gae
 
@@ -13,9 +29,6 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     truncated one keeps its value. Both end the sum. Returns the shape of rewards.
     Source: Schulman et al. (2016), (16).
     """
-    gamma, lam = check_gamma(gamma), check_probability("lam", lam)
-    rewards, values, next_values = _alike(float, rewards=rewards, values=values, next_values=next_values)
-    terminated, truncated = _alike(bool, rewards.shape, terminated=terminated, truncated=truncated)
     delta = rewards + gamma * next_values * ~terminated - values  # om-gae
     decay = gamma * lam * ~(terminated | truncated)
     advantages, last = np.zeros_like(delta), 0.0
@@ -24,23 +37,6 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     for t in range(len(delta) - 1, -1, -1):
         advantages[t] = last = delta[t] + decay[t] * last  # om-gae
     return advantages
-
-
-def _alike(dtype, shape=None, **arrays):
-    """The arrays, all finite and of one shape."""
-    for name, values in arrays.items():
-        values = np.asarray(values)
-        if values.dtype.kind not in "biuf":
-            raise ValueError(f"{name}: got {values.dtype}, must be numbers")
-        shape = values.shape if shape is None else shape
-        if values.shape != shape or values.ndim not in (1, 2) or not values.size:
-            raise ValueError(
-                f"{name}: got shape {values.shape}, must be that of rewards, (T,) or (T, N), and not empty"
-            )
-        if not np.isfinite(values).all():
-            raise ValueError(f"{name}: contains NaN or infinity, must be finite numbers")
-        arrays[name] = values.astype(dtype)
-    return arrays.values()
 
 
 def learning_data(agent, rollout, config):

@@ -9,20 +9,31 @@ from rlcore.core.checks import (
     as_flags,
     as_floats,
     as_integers,
-    check_gamma,
+    check_finite,
     check_index,
-    check_mdp,
-    check_policy,
     check_world,
+    checked,
     count,
     index,
     takes_none,
     where,
 )
 from rlcore.core.learner import learner
-from rlcore.core.outcomes import canonical, check_ends, check_shapes, from_arrays, from_env, from_outcomes, names
+from rlcore.core.outcomes import (
+    canonical,
+    check_ends,
+    check_shapes,
+    freeze,
+    from_arrays,
+    from_env,
+    from_outcomes,
+    names,
+    own,
+)
 from rlcore.core.sampling import Sampler, cumulative, draw, step
 from rlcore.core.worlds import act, reset
+
+_state_of_self = index(lambda given: given["self"].n_states)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,7 +43,8 @@ class FiniteMDP(Model):
     next_state: (S, A, K) int32, prob: (S, A, K), reward: (S, A, K); outcome k of (s, a) is (s', r) with its
     probability; outcomes of probability 0 are padding. legal: (S, A), whether a is in A(s). terminal: (S,); a terminal
     state returns to itself with reward 0 under every action. start: (S,), distribution of S_0. Arrays are read-only
-    after construction. Raises ValueError naming the array, state and action at fault.
+    after construction, and copies of those that could still be written to. Raises ValueError naming the array, state
+    and action at fault.
     Source: Sutton and Barto (2018), section 3.1.
     """
 
@@ -46,17 +58,18 @@ class FiniteMDP(Model):
     action_names: tuple | None = None
 
     def __post_init__(self):
-        dtypes = dict(next_state=np.int32, prob=float, reward=float, legal=bool, terminal=bool, start=float)
-        for name, dtype in dtypes.items():
-            values = getattr(self, name)
-            values = {np.int32: as_integers, float: as_floats, bool: as_flags}[dtype](name, values)
-            view = np.ascontiguousarray(values, dtype).view()
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
+        kinds = dict(next_state=as_integers, prob=as_floats, reward=as_floats, legal=as_flags, terminal=as_flags)
+        for name, kind in (kinds | dict(start=as_floats)).items():
+            given = getattr(self, name)
+            object.__setattr__(self, name, own(given, kind(name, given), np.int32 if name == "next_state" else None))
         for name in ("state_names", "action_names"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, names(name, getattr(self, name)))
         self.validate()
+
+    def __setstate__(self, state):
+        vars(self).update(state)
+        freeze(*(x for x in state.values() if isinstance(x, np.ndarray)))
 
     @property
     def n_states(self):
@@ -123,8 +136,8 @@ class FiniteMDP(Model):
             bad = getattr(self, name) < 0
             if bad.any():
                 raise ValueError(f"{name}: negative at {where(bad)}, must be at least 0")
-        bad = (self.next_state < 0) | (self.next_state >= S)
-        if bad.any():
+        if self.next_state.min() < 0 or self.next_state.max() >= S:
+            bad = (self.next_state < 0) | (self.next_state >= S)
             raise ValueError(f"next_state: got {self.next_state[bad][0]} at {where(bad)}, must be in 0..{S - 1}")
         total = self.prob.sum(axis=2)  # eq-2
         bad = np.abs(total - self.legal) > 1e-9
@@ -147,11 +160,10 @@ class FiniteMDP(Model):
         if (self.start[self.terminal] > 0).any():
             raise ValueError("start: puts probability on a terminal state, must be 0 there")
 
+    @checked(s_next=_state_of_self, r=check_finite, s=_state_of_self, a=index(lambda given: given["self"].n_actions))
     def p(self, s_next, r, s, a):
         """Probability of s_next and reward r after action a in state s. eq-1"""
-        s, a = check_index("s", s, self.n_states), check_index("a", a, self.n_actions)
-        same = (self.next_state[s, a] == check_index("s_next", s_next, self.n_states)) & (self.reward[s, a] == r)
-        return float(self.prob[s, a, same].sum())
+        return float(self.prob[s, a, (self.next_state[s, a] == s_next) & (self.reward[s, a] == r)].sum())
 
     def transition_probs(self):
         """p(s'|s, a) as (S, A, S); rows of illegal actions are 0. eq-3, eq-u-transition-inline"""
@@ -190,57 +202,54 @@ class FiniteMDP(Model):
 # ---------------------------------------------------------------------- policies
 
 
+@checked
 def uniform_policy(mdp):
     """The equiprobable policy over A(s), (S, A)."""
-    check_mdp(mdp)
     return mdp.legal / mdp.legal.sum(axis=1, keepdims=True)
 
 
+def _legal_actions(name, actions, given):
+    actions, (S, A) = as_integers(name, actions), given["mdp"].legal.shape
+    if actions.shape != (S,):
+        raise ValueError(f"{name}: got shape {actions.shape}, must be ({S},)")
+    if ((actions < 0) | (actions >= A)).any():
+        raise ValueError(f"{name}: got {actions.min()}..{actions.max()}, must be in 0..{A - 1}")
+    if not (legal := given["mdp"].legal[np.arange(S), actions]).all():
+        s = np.flatnonzero(~legal)[0]
+        raise ValueError(f"{name}: got {actions[s]} in state {s}, must be legal: {given['mdp'].legal[s].nonzero()[0]}")
+    return actions
+
+
+@checked(actions=_legal_actions)
 def deterministic_policy(mdp, actions):
     """pi (S, A) that takes actions[s] in state s; actions: (S,) integers, each in A(s)."""
-    check_mdp(mdp)
-    actions = as_integers("actions", actions)
-    if actions.shape != (mdp.n_states,):
-        raise ValueError(f"actions: got shape {actions.shape}, must be ({mdp.n_states},)")
-    if ((actions < 0) | (actions >= mdp.n_actions)).any():
-        raise ValueError(f"actions: got {actions.min()}..{actions.max()}, must be in 0..{mdp.n_actions - 1}")
-    return check_policy(mdp, np.eye(mdp.n_actions)[actions])
+    return np.eye(mdp.n_actions)[actions]
 
 
 # ---------------------------------------------------------------------- returns
 
 
+@checked(t=index(lambda given: given["rewards"].size + 1))
 def discounted_return(rewards, gamma, t=0):
     """G_t as the direct sum over rewards R_{t+1} ... R_T; rewards[k] is R_{k+1}. eq-6, eq-7, eq-9
 
     gamma = 1 gives the undiscounted return (6); an episode padded with the zero rewards of an absorbing state has the
     same return, which is why (9) serves both kinds of task. Source: Sutton and Barto (2018), (3.11).
     """
-    rewards, gamma = _rewards(rewards), check_gamma(gamma)
-    t = check_index("t", t, rewards.size + 1)
     k = np.arange(t + 1, rewards.size + 1)
     return float(np.sum(gamma ** (k - t - 1) * rewards[t:]))  # eq-9
 
 
+@checked
 def discounted_returns(rewards, gamma):
     """G_0 ... G_{T-1}, shape (T,), by one backward pass from G_T = 0. eq-8 corrected, alg-returns
 
     rewards: (T,), rewards[t] is R_{t+1}.
     """
-    rewards, gamma = _rewards(rewards), check_gamma(gamma)
     G = np.zeros(rewards.size + 1)
     for t in reversed(range(rewards.size)):
         G[t] = rewards[t] + gamma * G[t + 1]  # eq-8
     return G[:-1]
-
-
-def _rewards(rewards):
-    rewards = as_floats("rewards", rewards)
-    if rewards.ndim != 1:
-        raise ValueError(f"rewards: got shape {rewards.shape}, must be (T,)")
-    if not np.isfinite(rewards).all():
-        raise ValueError("rewards: contains a value that is not finite, must be finite")
-    return rewards
 
 
 # ---------------------------------------------------------------------- trajectories
@@ -268,7 +277,7 @@ def _first_state(name, s, given):
     return check_index(name, s, check_world("world", given["world"]).n_states)
 
 
-@learner(lambda given, *found: Trajectory(*found), s=_first_state)
+@learner(lambda given, s, a, r, terminated: Trajectory(s, a, r, bool(terminated)), s=_first_state)
 def rollout(world, pi, n_steps, *, s=None, rng):
     """Follow pi for n_steps or to a terminal state. eq-u-trajectory, fig-1, alg-rollout
 

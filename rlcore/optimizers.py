@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_function, check_positive, is_number
+from rlcore.core.checks import check_finite, check_positive, checked, function_of, is_number, show
+from rlcore.core.samples import check_samples
+
+
+def _decay(name, value, given):
+    if not is_number(value) or not 0 <= value < 1:
+        raise ValueError(f"{name}: got {show(value)}, must be a number in [0, 1)")
+    return float(value)
 
 
 class SGD:
@@ -12,11 +19,12 @@ class SGD:
     changed between updates. Source: Polyak (1964); Nielsen (2015), chapter 3.
     """
 
+    @checked(momentum=_decay)
     def __init__(self, lr, momentum=0.0):
-        self.lr, self.momentum, self.v = check_positive("lr", lr), _check_decay("momentum", momentum), None
+        self.lr, self.momentum, self.v = lr, momentum, None
 
     def update(self, theta, gradient):
-        _check_gradient(theta, gradient, self.v)
+        gradient = _check_gradient(theta, gradient, self.v)
         if self.momentum:
             self.v = gradient + (0.0 if self.v is None else self.momentum * self.v)
         theta -= self.lr * (self.v if self.momentum else gradient)  # eq-nn-27, eq-nn-28
@@ -31,13 +39,13 @@ class Adam:
     update(theta, gradient) changes theta in place. Source: Kingma and Ba (2015), algorithm 1.
     """
 
+    @checked(beta1=_decay, beta2=_decay, eps=check_positive)
     def __init__(self, lr=1e-3, beta1=0.9, beta2=0.999, eps=1e-8):
-        self.lr, self.eps = check_positive("lr", lr), check_positive("eps", eps)
-        self.beta1, self.beta2, self.t = _check_decay("beta1", beta1), _check_decay("beta2", beta2), 0
+        self.lr, self.beta1, self.beta2, self.eps, self.t = lr, beta1, beta2, eps, 0
         self.m = self.v = None
 
     def update(self, theta, gradient):
-        _check_gradient(theta, gradient, self.m)
+        gradient = _check_gradient(theta, gradient, self.m)
         if self.m is None:
             self.m, self.v, self._work = np.zeros_like(theta), np.zeros_like(theta), np.empty_like(theta)
         m, v, work = self.m, self.v, self._work
@@ -53,42 +61,31 @@ class Adam:
         theta -= work
 
 
-# ---------------------------------------------------------------------- checks
-
-
 def take_step(net, gradient):
+    """One step of the network's optimizer, for `step` of MLP and TorchNet."""
     if net.optimizer is None:
         raise ValueError("optimizer: got None, step needs an SGD or Adam: give it to the network, or set net.optimizer")
     net.optimizer.update(net.theta, gradient)
 
 
-def check_optimizer(optimizer):
-    if optimizer is not None and not callable(getattr(optimizer, "update", None)):
-        raise ValueError(f"optimizer: got {optimizer!r}, must be an SGD or Adam")
-    return optimizer
-
-
 def _check_gradient(theta, gradient, state):
-    shape = np.shape(gradient)
-    if shape != theta.shape or (state is not None and state.shape != shape):
-        raise ValueError(f"gradient: got shape {shape}, must be {theta.shape}, the same in every update")
+    """gradient as an array of theta's shape and dtype."""
+    if not isinstance(theta, np.ndarray) or theta.dtype.kind != "f":
+        raise ValueError(f"theta: got {show(theta)}, must be an array of floats, which changes in place")
+    gradient = check_samples("gradient", gradient, theta.dtype)
+    if gradient.shape != theta.shape or (state is not None and state.shape != theta.shape):
+        raise ValueError(f"gradient: got shape {gradient.shape}, must be that of theta, {theta.shape}, always")
+    return gradient
 
 
-def _check_decay(name, value):
-    if not is_number(value) or not 0 <= value < 1:
-        raise ValueError(f"{name}: got {value!r}, must be a number in [0, 1)")
-    return float(value)
-
-
+@checked(gradient=function_of("a number"), v=check_finite, epsilon=check_finite)
 def gradient_descent(gradient, v, epsilon, n_steps):
     """v_0 ... v_n of v <- v - epsilon C'(v), shape (n_steps + 1,). fig-11, ex-learning-rate
 
     gradient: C', a function of one number. v: start. epsilon: the learning rate; a negative one ascends.
     On C(v) = L v^2 / 2 each step multiplies v by 1 - epsilon L: it converges for 0 < epsilon < 2 / L.
     """
-    if not np.isfinite(epsilon):
-        raise ValueError(f"epsilon: got {epsilon!r}, must be a finite number")
-    history, gradient = [float(v)], check_function("gradient", gradient, "a number")
-    for _ in range(check_count("n_steps", n_steps)):
+    history = [v]
+    for _ in range(n_steps):
         history.append(history[-1] - epsilon * gradient(history[-1]))
     return np.array(history)

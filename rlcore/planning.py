@@ -7,19 +7,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.core.checks import (
+    anything,
+    array,
+    as_flags,
+    as_integers,
     check_count,
     check_finite,
-    check_gamma,
     check_index,
     check_nonnegative,
-    check_probability,
-    check_rate,
-    check_rng,
     check_world,
     checked,
     count,
+    finite,
+    function_of,
+    index,
+    like,
     model_of,
     show,
+    sized,
     spaces,
     takes_none,
 )
@@ -35,15 +40,22 @@ from rlcore.policies import control, epsilon_greedy, max_value, soft_greedy
 from rlcore.td import td_error
 
 
+def _with_a_model(name, run, given):
+    if getattr(run, "model", None) is None:
+        raise ValueError(f"{name}: {type(run).__name__} keeps no model, must be the result of a model-based method")
+    return run
+
+
+@checked(
+    run=_with_a_model, s=index(lambda given: given["run"].model.n_states),
+    a=index(lambda given: given["run"].model.n_actions),
+)  # fmt: skip
 def predict(run, s, a):
     """p(s'|s, a) as (S,) and r(s, a), as the model kept by `run` has them. ex-prediction-test, cl-029
 
     Raises ValueError where `run` keeps no model, as every model-free method.
     """
-    model = getattr(run, "model", None)
-    if model is None:
-        raise ValueError(f"run: {type(run).__name__} keeps no model, must be the result of a model-based method")
-    s, a = check_index("s", s, model.n_states), check_index("a", a, model.n_actions)
+    model = run.model
     p = np.bincount(model.next_state[s, a], weights=model.prob[s, a], minlength=model.n_states)
     return p, float(model.prob[s, a] @ model.reward[s, a])
 
@@ -79,6 +91,37 @@ def sample_transitions(world, pi, n_steps, *, rng):
     return s, a, r, s_next
 
 
+def _recorded(name, data, given):
+    """The rule of recorded Transitions; `_within` looks at how many states and actions they are of."""
+    if not isinstance(data, Transitions):
+        raise ValueError(f"{name}: got {show(data)}, must be Transitions")
+    kinds = dict(s=as_integers, a=as_integers, r=finite, s_next=as_integers)
+    columns = [kind(f"{name}: {column}", getattr(data, column)) for column, kind in kinds.items()]
+    if columns[0].ndim != 1 or len({column.shape for column in columns}) > 1:
+        raise ValueError(f"{name}: got columns of shapes {[x.shape for x in columns]}, must be (n,) each")
+    return Transitions(*columns)
+
+
+def _within(data, n_states, n_actions):
+    for name, column, n in (("s", data.s, n_states), ("a", data.a, n_actions), ("s_next", data.s_next, n_states)):
+        if column.size and not 0 <= column.min() <= column.max() < n:
+            raise ValueError(f"data: {name} runs from {column.min()} to {column.max()}, must be in 0..{n - 1}")
+
+
+def _some_states(name, states, given):
+    if not hasattr(states, "__iter__"):
+        raise ValueError(f"{name}: got {show(states)}, must be a list of states")
+    return {check_index(name, s, given["n_states"]) for s in states}
+
+
+def _legal(name, legal, given):
+    legal, shape = as_flags(name, legal), (given["n_states"], given["n_actions"])
+    if legal.shape != shape:
+        raise ValueError(f"{name}: got shape {legal.shape}, must be {shape}")
+    return legal
+
+
+@checked(data=_recorded, n_actions=sized("n_states"), terminal=_some_states, legal=_legal, start=anything)
 def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=None, unseen=0.0):
     """The maximum-likelihood FiniteMDP: p(s', r|s, a) is how often (s', r) followed (s, a). alg-model-learning
 
@@ -86,27 +129,24 @@ def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=
     unseen: a pair never tried is taken to stay where it is with this reward; 0 says "nothing to gain there", a reward
     that no state can beat makes the planner try everything once (optimism). Source: Brafman and Tennenholtz (2002).
     """
-    S, A = check_count("n_states", n_states), check_count("n_actions", n_actions)
-    terminal = {check_index("terminal", s, S) for s in terminal}
-    legal = np.ones((S, A), bool) if legal is None else np.asarray(legal, bool)
-    if legal.shape != (S, A):
-        raise ValueError(f"legal: got shape {legal.shape}, must be {(S, A)}")
+    _within(data, n_states, n_actions)
+    legal = np.ones((n_states, n_actions), bool) if legal is None else legal
     rows = Counter(zip(data.s.tolist(), data.a.tolist(), data.s_next.tolist(), data.r.tolist()))
     outcomes = defaultdict(list)
     for (s, a, s_next, r), times in rows.items():
-        if s in terminal or not 0 <= s < S or not 0 <= a < A or not legal[s, a]:
+        if s in terminal or not legal[s, a]:
             raise ValueError(f"data: got action {a} in state {s}, must be legal and the state not terminal")
         outcomes[s, a].append((times, s_next, r))
     model = {}
-    for s, a in itertools.product(range(S), range(A)):
+    for s, a in itertools.product(range(n_states), range(n_actions)):
         if s not in terminal and legal[s, a]:
             seen = outcomes.get((s, a), [(1, s, unseen)])
             total = sum(times for times, _, _ in seen)
             model[s, a] = [(times / total, s_next, r) for times, s_next, r in seen]
-    return FiniteMDP.from_outcomes(model, n_states=S, n_actions=A, start=start)
+    return FiniteMDP.from_outcomes(model, n_states=n_states, n_actions=n_actions, start=start)
 
 
-@checked(world=check_world, epsilon=check_probability, unseen=check_finite)
+@checked(world=check_world)
 def certainty_equivalent_control(world, gamma, n_episodes, *, epsilon=0.1, unseen=0.0, max_steps=10_000, record=0, rng):
     """Estimate the model, plan in it as if it were true, act on the plan for an episode, repeat. alg-ce-planning
 
@@ -138,7 +178,6 @@ def _transitions(paths):
 
 
 # ---------------------------------------------------------------------- Dyna
-
 
 # What Dyna remembers: the last outcome (S, A) of each pair, whether it ended the episode, and its time; the states met,
 # (S,), how many; the actions taken in each, (S, A), how many. next_state is -1 where nothing is known.
@@ -230,18 +269,16 @@ def dyna_q(
     return Q, returns, lengths, history, N, memory
 
 
+@checked(data=_recorded, n_actions=sized("n_states"), Q0=check_finite)
 def replay(data, n_states, n_actions, gamma, *, alpha, Q0=0.0):
     """Q (S, A) after one pass of Q-learning over recorded transitions, in their order. cl-034, eq-21
 
     data: Transitions. Whoever chose the actions, they index the updates. States that occur only as s' keep Q0, so that
     with Q0 = 0 terminal states count 0.
     """
-    shape = check_count("n_states", n_states), check_count("n_actions", n_actions)
-    for name, index, n in (("s", data.s, shape[0]), ("a", data.a, shape[1]), ("s_next", data.s_next, shape[0])):
-        if index.size and not 0 <= index.min() <= index.max() < n:
-            raise ValueError(f"data: {name} runs from {index.min()} to {index.max()}, must be in 0..{n - 1}")
-    Q = np.full(shape, float(Q0))
-    _replay(data.s, data.a, data.r, data.s_next, check_gamma(gamma), check_rate("alpha", alpha), Q)
+    _within(data, n_states, n_actions)
+    Q = np.full((n_states, n_actions), Q0)
+    _replay(data.s, data.a, data.r, data.s_next, gamma, alpha, Q)
     return Q
 
 
@@ -265,41 +302,80 @@ def _remembered(world, memory):
 # ---------------------------------------------------------------------- a continuous model: least squares, shooting
 
 
+def _actions_below(n_actions):
+    """The rule of actions (n,), one for each row of x."""
+
+    def rule(name, a, given):
+        a, n, rows = finite(name, a), n_actions(given), len(given["x"])
+        if a.shape != (rows,) or not np.isin(a, np.arange(n)).all():
+            raise ValueError(f"{name}: got {show(a)}, must be ({rows},) actions in 0..{n - 1}")
+        return a.astype(int)
+
+    return rule
+
+
+MOST_ACTIONS = 10_000  # of a model that sees them as one-hot rows
+
+
+@checked(
+    x=array("n", "d"), a=_actions_below(lambda given: check_count("n_actions", given["n_actions"], most=MOST_ACTIONS)),
+    x_next=like("x"), n_actions=count(most=MOST_ACTIONS),
+)  # fmt: skip
 def fit_linear_dynamics(x, a, x_next, n_actions):
     """W (d + A, d) with x' = [x, one-hot a] W closest to the data in least squares. alg-model-learning, fig-7
 
     x, x_next: (n, d) states; a: (n,) actions in 0..A-1.
     """
-    x, x_next = np.asarray(x, float), np.asarray(x_next, float)
-    if x.ndim != 2 or x_next.shape != x.shape or np.shape(a) != x.shape[:1]:
-        raise ValueError(f"x: got shapes {x.shape}, {np.shape(a)}, {x_next.shape}, must be (n, d), (n,), (n, d)")
     return np.linalg.lstsq(_features(x, a, n_actions), x_next, rcond=None)[0]
 
 
+def _fitted(name, W, given):
+    W = array("d + A", "d")(name, W, given)
+    if len(W) <= W.shape[1]:
+        raise ValueError(f"{name}: got shape {W.shape}, must be (d + A, d) with at least one action")
+    return W
+
+
+def _states(name, x, given):
+    x, d = finite(name, x), given["W"].shape[1]
+    if x.ndim != 2 or x.shape[1] != d:
+        raise ValueError(f"{name}: got shape {x.shape}, must be (n, {d})")
+    return x
+
+
+@checked(W=_fitted, x=_states, a=_actions_below(lambda given: len(given["W"]) - given["W"].shape[1]))
 def linear_dynamics(W, x, a):
     """Next states (n, d) that the fitted model W predicts for states x (n, d) and actions a (n,). eq-u-dynamics"""
-    return _features(np.asarray(x, float), a, W.shape[0] - W.shape[1]) @ W
+    return _features(x, a, W.shape[0] - W.shape[1]) @ W
 
 
 def _features(x, a, n_actions):
-    return np.hstack([x, np.eye(n_actions)[np.asarray(a, int)]])
+    return np.hstack([x, np.eye(n_actions)[a]])
 
 
+def _plans(name, actions, given):
+    finite(name, actions)
+    if np.ndim(actions) != 2 or np.shape(actions)[1] != len(given["x"]):
+        raise ValueError(f"{name}: got shape {np.shape(actions)}, must be (T, {len(given['x'])})")
+    return np.asarray(actions)
+
+
+@checked(model=function_of("(x, a)"), x=array("n", "d"), actions=_plans)
 def simulate(model, x, actions):
     """States (T + 1, n, d) that n runs of the model visit from x (n, d) under actions (T, n). cl-026, fig-7"""
-    path = [np.asarray(x, float)]
-    for a in np.asarray(actions):
+    path = [x]
+    for a in actions:
         path.append(model(path[-1], a))
     return np.array(path)
 
 
+@checked(model=function_of("(x, a)"), cost=function_of("x"), x=array("d"), n_candidates=sized("horizon"))
 def random_shooting(model, cost, x, n_actions, *, horizon, n_candidates, rng):
     """First action of the cheapest of n_candidates random plans, each simulated `horizon` steps in the model. alg-mpc
 
     model(x, a) -> (n, d) next states of n states at once; cost(x) -> (n,) is added up over the states met; x: (d,), the
     state now. Planned anew at each step, this is model-predictive control. Source: Nagabandi et al. (2018).
     """
-    shape = check_count("horizon", horizon), check_count("n_candidates", n_candidates)
-    plans = (check_rng(rng).random(shape) * check_count("n_actions", n_actions)).astype(int)
-    path = simulate(model, np.tile(x, (shape[1], 1)), plans)
+    plans = (rng.random((horizon, n_candidates)) * n_actions).astype(int)
+    path = simulate(model, np.tile(x, (n_candidates, 1)), plans)
     return int(plans[0, sum(cost(states) for states in path[1:]).argmin()])

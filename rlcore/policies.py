@@ -4,10 +4,11 @@ from math import exp
 
 import numpy as np
 
-from rlcore.bellman import greedy_actions
-from rlcore.core.checks import as_floats, as_integers, check_probability, is_number, show, spaces, takes_none
+from rlcore.bellman import greedy_actions, table
+from rlcore.core.checks import as_flags, as_floats, check_probability, checked, is_number, show, spaces, takes_none
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
+from rlcore.core.samples import check_labels
 from rlcore.core.schedules import Schedule, now
 from rlcore.core.worlds import open_world, tabular_world
 from rlcore.neurons import softmax
@@ -57,11 +58,21 @@ def expected_value(Q, s, epsilon):
     return (1 - epsilon) * max_value(Q, s) + epsilon * (total / n)
 
 
+def _acting(name, Q, given):
+    """The rule of a Q to act on: a legal action in every state, none worth infinity."""
+    Q = table(name, Q, given)
+    best = Q.max(axis=1)
+    if not np.isfinite(best).all():
+        raise ValueError(f"{name}: row {np.flatnonzero(~np.isfinite(best))[0]} has no maximum, must have a finite one")
+    return Q
+
+
+@checked(Q=_acting, epsilon=check_probability)
 def soft_greedy(Q, epsilon):
     """The epsilon-greedy policy (S, A) of Q: ties share the greedy part, -inf marks actions that are not legal."""
     best, legal = greedy_actions(Q), np.isfinite(Q)
     share = [x / x.sum(axis=1, keepdims=True) for x in (best, legal)]
-    return (1 - check_probability("epsilon", epsilon)) * share[0] + epsilon * share[1]
+    return (1 - epsilon) * share[0] + epsilon * share[1]
 
 
 def control(given, Q, returns, lengths, history, visits=None, kind=Run, **more):
@@ -75,6 +86,26 @@ def control(given, Q, returns, lengths, history, visits=None, kind=Run, **more):
 # ---------------------------------------------------------------------- the policy
 
 
+def _parameters(name, theta, given):
+    return check_parameters(name, theta)
+
+
+@takes_none
+def _features(name, x, given):
+    d = given["theta"].shape[1]
+    return np.eye(d) if x is None else check_features(name, x, None, d)
+
+
+@takes_none
+def _legal(name, legal, given):
+    shape = len(given["x"]), len(given["theta"])
+    legal = np.ones(shape, bool) if legal is None else as_flags(name, legal)
+    if legal.shape != shape or not legal.any(axis=1).all():
+        raise ValueError(f"{name}: got shape {legal.shape}, must be {shape}, an action in every state")
+    return legal
+
+
+@checked(theta=_parameters, x=_features, legal=_legal, p_min=lambda name, p, given: check_p_min(p, len(given["theta"])))
 def softmax_policy(theta, x=None, legal=None, *, p_min=0.0):
     """pi(a|s) proportional to exp(h), h(s, a) = theta[a] . x(s), as (S, A). om-softmax, alg-softmax-policy
 
@@ -82,23 +113,25 @@ def softmax_policy(theta, x=None, legal=None, *, p_min=0.0):
     state, theta[a, s] = h(s, a). legal: (S, A) bool. p_min: below it no legal action's probability falls; the others
     share the rest. Source: Sutton and Barto (2018), (13.2), (13.3).
     """
-    theta = check_parameters("theta", theta)
-    x = np.eye(theta.shape[1]) if x is None else check_features(x, None, theta.shape[1])
-    legal = np.ones((len(x), len(theta)), bool) if legal is None else np.asarray(legal, bool)
-    p_min = check_p_min(p_min, len(theta))
-    if legal.shape != (len(x), len(theta)) or not legal.any(axis=1).all():
-        raise ValueError(f"legal: got shape {legal.shape}, must be {(len(x), len(theta))}, an action in every state")
     return np.array([probabilities(np.zeros(len(theta)), theta, row, ok, p_min) for row, ok in zip(x, legal)])
 
 
+def _one_state(name, x, given):
+    x = check_features(name, np.atleast_1d(as_floats(name, x))[None], None, given["theta"].shape[1])
+    return x[0]
+
+
+def _action(name, a, given):
+    return int(check_labels(name, a, len(given["theta"]), ()))
+
+
+@checked(theta=_parameters, x=_one_state, a=_action)
 def grad_log_softmax(theta, x, a):
     """The score, gradient of ln pi(a|x) with respect to theta, (A, d). om-score, alg-softmax-policy
 
     x: (d,) features of one state.
     """
-    theta = check_parameters("theta", theta)
-    x, a = check_features([x], None, theta.shape[1])[0], check_indices("a", a, len(theta))
-    return np.outer(np.eye(len(theta))[a] - softmax(theta @ x), x)  # om-score
+    return np.outer(np.eye(len(theta))[a] - softmax.unchecked(theta @ x), x)  # om-score
 
 
 @compiled
@@ -168,16 +201,16 @@ def dot(w, x):
 # ---------------------------------------------------------------------- checks
 
 
-def check_features(x, n_states, d=None):
+def check_features(name, x, n_states, d=None):
     """x as (S, d) floats; one feature a state where None."""
     if x is None:
         return np.eye(n_states)
-    x = np.ascontiguousarray(as_floats("features", x))
+    x = np.ascontiguousarray(as_floats(name, x))
     if x.ndim != 2 or x.size == 0 or len(x) != (n_states or len(x)) or x.shape[1] != (d or x.shape[1]):
         expected = (n_states or "S", d or "d")
-        raise ValueError(f"features: got shape {x.shape}, must be ({expected[0]}, {expected[1]})")
+        raise ValueError(f"{name}: got shape {x.shape}, must be ({expected[0]}, {expected[1]})")
     if not np.isfinite(x).all():
-        raise ValueError("features: contains a value that is not finite, must be numbers")
+        raise ValueError(f"{name}: contains a value that is not finite, must be numbers")
     return x
 
 
@@ -193,13 +226,6 @@ def check_parameters(name, values, shape=None):
     return np.array(values)
 
 
-def check_indices(name, values, n):
-    values = as_integers(name, values)
-    if ((values < 0) | (values >= n)).any():
-        raise ValueError(f"{name}: got {values.min()}..{values.max()}, must be in 0..{n - 1}")
-    return values
-
-
 def check_p_min(p_min, A):
     """p_min as a float; ValueError unless all A actions can have it."""
     if not is_number(p_min) or not 0 <= p_min < 1 / A:
@@ -211,7 +237,7 @@ def check_p_min(p_min, A):
 def linear(name, x, given):
     """The rule of features (S, d), one a state where None, and with them of theta (A, d): (features, legal)."""
     legal = given["mdp"].legal if "mdp" in given else spaces(given["world"])[0]
-    x = check_features(x, len(legal))
+    x = check_features(name, x, len(legal))
     if "theta" in given:
         given["theta"] = check_parameters("theta", given["theta"], (legal.shape[1], x.shape[1]))
     return x, legal
@@ -253,6 +279,9 @@ LINEAR = dict(  # the rules of a policy that is a softmax of theta . x(s), and o
 
 def gradient(given, theta, w, returns, lengths, history):
     """The Run of a loop that learned theta, and w where there is a v_hat."""
+    if not (np.isfinite(theta).all() and np.isfinite(w).all()):
+        steps = ", ".join(f"{name} {given[name].first}" for name in ("alpha", "alpha_w"))
+        raise ValueError(f"alpha, alpha_w: got {steps}, must be smaller: theta or w is beyond all numbers")
     (X, legal), history = given["features"], history if given["record"] else None
     V = np.where(spaces(given["world"])[1], 0.0, X @ w)
     if "baseline" in given and not given["baseline"].learned:

@@ -3,15 +3,24 @@
 import numpy as np
 
 from rlcore.bellman import expected_visits, q_from_v, solve_policy
-from rlcore.core.checks import anything, as_floats, check_flag, check_positive, checked, finite, spaces, takes_none
+from rlcore.core.checks import (
+    anything,
+    array,
+    check_flag,
+    check_positive,
+    checked,
+    finite,
+    spaces,
+    takes_none,
+)
 from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner
+from rlcore.core.samples import check_labels
 from rlcore.core.worlds import act, reset
 from rlcore.mdp import discounted_returns
 from rlcore.policies import (
     add_score,
     check_features,
-    check_indices,
     check_parameters,
     choose,
     grad_log_softmax,
@@ -33,7 +42,10 @@ def objective(mdp, theta, gamma, *, features=None):
     return float(mdp.start @ solve_policy(mdp, softmax_policy(theta, X, legal), gamma))
 
 
-@checked(theta=anything, features=linear)
+@checked(
+    theta=anything,
+    features=linear,
+)
 def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
     """Gradient of J with respect to theta, (A, d). eq-u-pg-theorem, alg-policy-gradient-exact, fig-50
 
@@ -62,22 +74,41 @@ def gradient_ascent(mdp, theta, gamma, n_steps, *, alpha, features=None):
 # ---------------------------------------------------------------------- sampled gradients
 
 
+@takes_none
+def _features(name, x, given):
+    """The rule of features (S, d), one a state where None; a state and an action for each reward."""
+    theta = given["theta"]
+    X = np.eye(theta.shape[1]) if x is None else check_features(name, x, None, theta.shape[1])
+    T = given["rewards"].size
+    given["actions"] = check_labels("actions", given["actions"], len(theta), (T,))
+    given["states"] = check_labels("states", given["states"], len(X))
+    if given["states"].shape not in ((T,), (T + 1,)):
+        raise ValueError(f"states: got shape {given['states'].shape}, must be ({T},) or ({T + 1},), a state for each")
+    return X
+
+
+def _of_states(name, b, given):
+    b, S = finite(name, b), len(given["features"])
+    if b.shape not in ((), (S,)):
+        raise ValueError(f"{name}: got shape {b.shape}, must be a number or ({S},)")
+    return np.broadcast_to(b, S)
+
+
+@checked(
+    theta=lambda name, theta, given: check_parameters(name, theta), states=anything, actions=anything,
+    rewards=array("T"), features=_features, baseline=_of_states,
+)  # fmt: skip
 def episode_gradient(theta, states, actions, rewards, gamma, *, features=None, baseline=0.0, discount_states=False):
     """g of figure 52 from one finished episode, (A, d): lines 4 to 9. alg-reinforce, fig-52, eq-u-reinforce
 
     states: (T,) or (T + 1,); actions, rewards: (T,), rewards[t] is R_{t+1}. baseline: b(s), a number or (S,).
     discount_states: the factor gamma^t of the theorem, which the document's box leaves out; so does the default.
     """
-    theta = check_parameters("theta", theta)
-    X = np.eye(theta.shape[1]) if features is None else check_features(features, None, theta.shape[1])
-    actions, G = check_indices("actions", actions, len(theta)), discounted_returns(rewards, gamma)  # eq-u-alg2-return
-    states = check_indices("states", states, len(X))[: actions.size]
-    if not states.shape == actions.shape == G.shape:
-        raise ValueError(f"actions: got shape {actions.shape}, must be that of rewards, {G.shape}, a state for each")
-    b, g = np.broadcast_to(as_floats("baseline", baseline), len(X)), np.zeros_like(theta)
+    G, g = discounted_returns(rewards, gamma), np.zeros_like(theta)  # eq-u-alg2-return
     for t, (s, a) in enumerate(zip(states, actions)):
         discount = gamma**t if discount_states else 1.0
-        g += discount * (G[t] - b[s]) * grad_log_softmax(theta, X[s], a)  # eq-u-alg2-gradient
+        score = grad_log_softmax.unchecked(theta, features[s], a)
+        g += discount * (G[t] - baseline[s]) * score  # eq-u-alg2-gradient
     return g
 
 

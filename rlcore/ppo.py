@@ -23,18 +23,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.core.agents import make_agent
-from rlcore.core.checks import check_count, check_nonnegative, check_positive, check_rng
-from rlcore.core.rollouts import Settings, make_run, rollouts, vector_env
+from rlcore.core.checks import (
+    anything,
+    array,
+    check_flag,
+    check_nonnegative,
+    check_positive,
+    checked,
+    choice,
+    instance,
+    rules,
+)
+from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
+from rlcore.core.samples import finite_numbers
+from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 from rlcore.trust_region import adapt_beta
 
 OBJECTIVES = ("clip", "none", "kl_fixed", "kl_adaptive")
-
 MAX_LOG_RATIO = 20.0  # exp of more overflows float32 once it is multiplied, as happens without clipping
-
 FIELDS = ("steps", "kl", "largest_ratio", "outside", "entropy", "value_loss", "beta", "lr")
 
 
+@checked(
+    **SETTINGS,
+    **rules(check_positive, "clip beta d_target"),
+    **rules(check_nonnegative, "c1 c2"),
+    **rules(check_flag, "shared anneal"),
+    objective=choice(*OBJECTIVES),
+)
 @dataclass(frozen=True)
 class PPOConfig(Settings):
     """Settings of `ppo`; the defaults are those of the paper's continuous tasks. fig-61
@@ -54,20 +71,22 @@ class PPOConfig(Settings):
     shared: bool = False
     anneal: bool = False
 
-    def __post_init__(self):
-        super().__post_init__()
-        if self.objective not in OBJECTIVES:
-            raise ValueError(f"objective: got {self.objective!r}, must be one of {', '.join(OBJECTIVES)}")
-        for name in ("clip", "beta", "d_target"):
-            check_positive(name, getattr(self, name))
-        for name in ("c1", "c2"):
-            check_nonnegative(name, getattr(self, name))
-        self._check_flags("shared", "anneal")
-
 
 # ---------------------------------------------------------------------- objectives
 
 
+def _beside_ratio(name, advantage, given):
+    advantage, B = _samples(name, advantage, given), given["ratio"].shape
+    if advantage.shape != B:
+        raise ValueError(f"{name}: got shape {advantage.shape}, must be that of ratio, {B}")
+    return advantage
+
+
+_samples = array("B", kind=finite_numbers)
+OF_RATIO = dict(ratio=_samples, advantage=_beside_ratio)
+
+
+@checked(**OF_RATIO)
 def surrogate_gradient(ratio, advantage):
     """Derivative of the surrogate with respect to log pi(a|s), per sample. eq-ppo-44, eq-ppo-48
 
@@ -76,15 +95,50 @@ def surrogate_gradient(ratio, advantage):
     return ratio * advantage / ratio.size  # eq-ppo-48
 
 
+@checked(**OF_RATIO, clip=check_positive)
 def clip_gradient(ratio, advantage, clip):
     """Derivative of the clipped surrogate with respect to log pi(a|s), per sample. eq-ppo-49, fig-59, fig-60
 
     ratio, advantage: (B,). clip: epsilon > 0. Returns (B,): 0 where the objective is flat.
     """
     flat = ((ratio > 1 + clip) & (advantage > 0)) | ((ratio < 1 - clip) & (advantage < 0))
-    return np.where(flat, 0.0, surrogate_gradient(ratio, advantage))  # eq-ppo-49
+    return np.where(flat, 0.0, surrogate_gradient.unchecked(ratio, advantage))  # eq-ppo-49
 
 
+PENALISED = ("kl_fixed", "kl_adaptive")
+
+
+def _actions(name, actions, given):
+    """The rule of actions that the policy knows."""
+    try:
+        given["policy"].log_prob(actions)
+    except ValueError as error:
+        raise ValueError(f"{name}{str(error).removeprefix('a')}") from None
+    return np.asarray(actions)
+
+
+def _each(name, values, given):
+    values = _samples(name, values, given)
+    if values.shape != given["actions"].shape[:1]:
+        raise ValueError(f"{name}: got shape {values.shape}, must be {given['actions'].shape[:1]}, one for each action")
+    return values
+
+
+def _config(name, config, given):
+    """The rule of a PPOConfig, which says whether there has to be an old policy."""
+    config, policy, old = instance(PPOConfig)(name, config, given), given["policy"], given["old"]
+    if config.objective in PENALISED or old is not None:
+        try:
+            policy.kl(old)
+        except ValueError as error:
+            raise ValueError(str(error).replace("other", "old", 1)) from None
+    return config
+
+
+@checked(
+    policy=instance(Categorical | Gaussian, "a Categorical or a Gaussian"), old=anything, actions=_actions,
+    old_log_prob=_each, advantage=_each, config=_config, beta=check_nonnegative,
+)  # fmt: skip
 def objective_gradient(policy, old, actions, old_log_prob, advantage, config, beta=None):
     """Derivative of the policy's part of (50) with respect to its outputs, and the ratios (B,). eq-ppo-46, eq-ppo-50
 
@@ -94,11 +148,11 @@ def objective_gradient(policy, old, actions, old_log_prob, advantage, config, be
     log_ratio = policy.log_prob(actions) - old_log_prob
     ratio = np.exp(np.minimum(log_ratio, MAX_LOG_RATIO))  # eq-ppo-47
     if config.objective == "clip":
-        weight = clip_gradient(ratio, advantage, config.clip)
+        weight = clip_gradient.unchecked(ratio, advantage, config.clip)
     else:
-        weight = surrogate_gradient(ratio, advantage)
+        weight = surrogate_gradient.unchecked(ratio, advantage)
     parts = [weight[:, None] * part for part in _parts(policy.grad_log_prob(actions))]
-    if config.objective in ("kl_fixed", "kl_adaptive"):
+    if config.objective in PENALISED:
         weight = (config.beta if beta is None else beta) / ratio.size
         parts = [part - weight * kl for part, kl in zip(parts, _parts(old.grad_kl(policy)))]  # eq-ppo-46
     if config.c2:
@@ -114,6 +168,7 @@ def _parts(gradient):
 # ---------------------------------------------------------------------- learning
 
 
+@checked(world=anything, config=config_of(PPOConfig), net=anything, critic=anything)
 def ppo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=None):
     """Rollouts of T steps in N environments, each followed by K epochs of minibatch ascent on (50). om-ppo-box
 
@@ -126,9 +181,6 @@ def ppo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=N
     (mean KL(old, new)), largest_ratio and the part outside 1 +- clip of all minibatches, entropy, value_loss, beta, lr.
     alg-ppo-full, alg-ppo-clip, alg-kl-penalty, alg-kl-adaptive. Source: Schulman et al. (2017), algorithm 1.
     """
-    n_steps, rng = check_count("n_steps", n_steps), check_rng(rng)
-    if not isinstance(config := PPOConfig() if config is None else config, PPOConfig):
-        raise ValueError(f"config: got {type(config).__name__}, must be a PPOConfig")
     env = vector_env(world, config.n_envs)
     agent = make_agent(env, config, net, critic, rng, shared=config.shared)
     beta, lr, steps, history = config.beta, config.lr, 0, []
@@ -148,7 +200,7 @@ def _improve(agent, data, config, beta, rng):
     """K epochs over the data of one rollout. Returns kl, largest_ratio, outside, entropy, value_loss."""
     x, actions, advantage, target = data
     old, _ = agent.forward(x)
-    n, penalised = len(x), config.objective in ("kl_fixed", "kl_adaptive")
+    n, penalised = len(x), config.objective in PENALISED
     outside, largest, value_loss = 0, 0.0, 0.0
     shuffled = (x, actions, advantage, target, old.log_prob(actions))
     for _ in range(config.epochs):
@@ -158,7 +210,7 @@ def _improve(agent, data, config, beta, rng):
             x_i, a_i, A_i, target_i, old_i = (part[chosen] for part in shuffled)
             policy, v = agent.forward(x_i)
             before = old.take(chosen) if penalised else None
-            gradient, ratio = objective_gradient(policy, before, a_i, old_i, A_i, config, beta)
+            gradient, ratio = objective_gradient.unchecked(policy, before, a_i, old_i, A_i, config, beta)
             error = v - target_i
             d_values = 2 * config.c1 / error.size * error  # om-value-loss
             agent.step(tuple(-g for g in gradient) if isinstance(gradient, tuple) else -gradient, d_values)

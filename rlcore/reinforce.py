@@ -4,7 +4,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import Model, check_positive, checked, function_of, is_number, show, takes_none
+from rlcore.core.checks import Model, check_positive, checked, is_number, show, takes_none
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.schedules import at
@@ -26,7 +26,7 @@ def _baseline(*names):
     def rule(name, baseline, given):
         if isinstance(baseline, str) and baseline in names:
             return baseline
-        if baseline is not None and not (is_number(baseline) and np.isfinite(baseline)):
+        if baseline is not None and not (is_number(baseline) and -np.inf < baseline < np.inf):
             allowed = "".join(f", {kind!r}" for kind in names)
             raise ValueError(f"{name}: got {show(baseline)}, must be None, a number{allowed}")
         return float(baseline or 0.0)
@@ -127,7 +127,6 @@ NETWORKS = dict(  # the rules of net, which maps observations to logits, and of 
     alpha_w=check_positive,
     net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
     critic=_critic,
-    on_episode=function_of("(return, steps so far)"),
 )
 
 

@@ -11,30 +11,24 @@ Each starts below v_*. Source: MacQueen (1966); Puterman (1994), sections 6.5 to
 
 import numpy as np
 
-from rlcore.bellman import greedy, policy_matrix, q_from_v, solve_policy
-from rlcore.core.chains import reaches
-from rlcore.core.checks import check_gamma, is_number
+from rlcore.bellman import error_bound, greedy, q_from_v
+from rlcore.core.chains import chain, reaches, solve_system
+from rlcore.core.checks import checked
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution
 from rlcore.mdp import uniform_policy
 
 ULP = float(np.finfo(float).eps) / 2  # relative error of one operation
-
 SUM_TOL = 1e-9  # by how much FiniteMDP allows the probabilities of a pair to miss 1
-
 SWEEPS, QUEUE, POLICIES = 0, 1, 2  # the three ways
-
 STAND = 4  # sweeps for which a policy stands
-
 WINDOW = 6  # times that actions are compared before the contraction of the span is judged
-
 PATIENCE = 10.0  # windows that it may still need; where it needs more, the queue takes over
-
 QUEUE_CAP = 400  # backups a state, and a million in all, after which policies take over from the queue
-
 MOST = 100_000  # backups a state at gamma = 1, where nothing contracts
 
 
+@checked
 def solve(mdp, gamma, tol=1e-6):
     """Optimal values and policy with a certified error: max |V - v_*| <= bound. eq-16, alg-value-iteration
 
@@ -44,26 +38,19 @@ def solve(mdp, gamma, tol=1e-6):
     Raises ValueError for gamma outside [0, 1], for tol that is not positive, and at gamma = 1 where a state cannot
     reach a terminal one or values grow without end. Source: Puterman (1994), theorems 6.6.3 and 6.6.6.
     """
-    gamma = check_gamma(gamma)
-    if not (is_number(tol) and 0 < tol < np.inf):
-        raise ValueError(f"tol: got {tol!r}, must be a positive number")
     if gamma == 1:
-        V, bound, n_iter = _undiscounted(mdp, float(tol))
+        V, bound, n_iter = _undiscounted(mdp, tol)
         Q = q_from_v(mdp, V, gamma)
         pi = greedy(Q)
     elif _is_dense(mdp):
-        V, Q, pi, bound, n_iter = _solve_dense(mdp, gamma, float(tol))
+        V, Q, pi, bound, n_iter = _solve_dense(mdp, gamma, tol)
     else:
-        V, Q, pi, bound, n_iter = _solve_sparse(*_arrays(mdp), *_rest(mdp), gamma, float(tol))
+        V, Q, pi, bound, n_iter = _solve_sparse(*_arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, gamma, tol)
     return Solution(V, Q, pi, n_iter, bool(bound <= tol), bound, None)
 
 
 def _arrays(mdp):
     return mdp.next_state.view(np.uint32), mdp.prob  # unsigned: a gather V[next_state] without test for a sign, 3x
-
-
-def _rest(mdp):
-    return mdp.reward, mdp.legal, mdp.terminal
 
 
 @compiled
@@ -201,26 +188,14 @@ def _certify(Q, V, terminal, pi, gamma, reward_noise, noise):
 def _finish(Q, V, terminal, shift, half):
     """V, Q and greedy policy in the middle of the bounds."""
     S, A = Q.shape
-    pi = _one_hot(Q)
+    pi = np.zeros(Q.shape)
     for s in range(S):
+        pi[s, Q[s].argmax()] = 1.0
         if not terminal[s]:
             for a in range(A):
                 Q[s, a] += shift + half
             V[s] += half
     return V, Q, pi
-
-
-@compiled
-def _one_hot(Q):
-    """The policy that takes the first maximising action."""
-    pi = np.zeros(Q.shape)
-    for s in range(Q.shape[0]):
-        action = 0
-        for a in range(1, Q.shape[1]):
-            if Q[s, a] > Q[s, action]:
-                action = a
-        pi[s, action] = 1.0
-    return pi
 
 
 # ---------------------------------------------------------------------- three ways to repeat the backup
@@ -351,20 +326,17 @@ def _solve_dense(mdp, gamma, tol):
         n_iter += 1 + STAND
         if bound <= tol:
             return *_finish(Q, V, mdp.terminal, shift, half), bound, n_iter
-    *found, more = _solve_sparse(*_arrays(mdp), *_rest(mdp), gamma, tol)
+    *found, more = _solve_sparse(*_arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, gamma, tol)
     return *found, n_iter + more
 
 
 def _undiscounted(mdp, tol):
     """V, bound, number of sweeps at gamma = 1, rising from the value of the uniform policy."""
-    from rlcore.dp import error_bound
-
-    pi = uniform_policy(mdp)
-    if not (ends := reaches(policy_matrix(mdp, pi)[0], mdp.terminal)).all():
-        raise ValueError(
-            f"gamma: got 1, but no policy ends from state {np.flatnonzero(~ends)[0]}, must be below 1 here"
-        )
-    V = solve_policy(mdp, pi, 1.0)
+    P, r_pi = chain(mdp, uniform_policy(mdp))
+    if not (ends := reaches(P, mdp.terminal)).all():
+        s = np.flatnonzero(~ends)[0]
+        raise ValueError(f"gamma: got 1, but no policy ends from state {s}, must be below 1 here")
+    V = solve_system(P, r_pi, 1.0, mdp.terminal)
     r, _, scale = _expected_reward(mdp.prob, mdp.reward, mdp.legal, mdp.terminal)
     n_iter, bound, small, noise = 0, np.inf, tol, (mdp.prob.shape[2] + 6) * ULP * (scale + np.abs(V).max())
     while bound > tol and small > noise:

@@ -20,10 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rlcore.core.checks import check_count
+from rlcore.core.checks import check_count, check_flag, checked, instance, show
 
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
-
 PACKAGES = ("numpy", "numba", "gymnasium", "torch")
 
 
@@ -45,6 +44,71 @@ class Record:
     versions: dict
 
 
+# ---------------------------------------------------------------------- what may be asked
+
+
+def _plain(name, value):
+    """value as JSON data; ValueError where it is not."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(name, item) for item in value]
+    if isinstance(value, dict) and all(isinstance(key, str) for key in value):
+        return {key: _plain(name, item) for key, item in value.items()}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise ValueError(f"{name}: got {value!r}, must be numbers, strings, lists, and dicts with strings as keys")
+
+
+def _function(name, function, given):
+    home = sys.modules.get(getattr(function, "__module__", None))
+    place = getattr(function, "__qualname__", None)
+    if not isinstance(place, str) or getattr(home, place, None) is not function or not hasattr(home, "__file__"):
+        raise ValueError(f"{name}: got {function!r}, must be at the top level of a module, for workers to import")
+    return function
+
+
+def _settings(name, settings, given):
+    if not isinstance(settings, list | tuple) or not settings:
+        raise ValueError(f"{name}: got {show(settings)}, must be a list of at least one dict")
+    seen = []
+    for i, setting in enumerate(settings):
+        if not isinstance(setting, dict) or "rng" in setting:
+            raise ValueError(f"{name}[{i}]: got {setting!r}, must be a dict of keyword arguments, without rng")
+        try:
+            inspect.signature(given["function"]).bind(**_plain(f"{name}[{i}]", setting), rng=None)
+        except TypeError as error:
+            raise ValueError(f"{name}[{i}]: got {setting!r}, must be what the function takes: {error}") from None
+        digest = _digest(_plain(name, setting))
+        if digest in seen:
+            raise ValueError(f"{name}[{i}]: got {setting!r}, must differ from {name}[{seen.index(digest)}]")
+        seen.append(digest)
+    return [_plain(name, setting) for setting in settings]
+
+
+def _seeds(name, seeds, given):
+    if isinstance(seeds, (str, bytes)) or not hasattr(seeds, "__iter__"):
+        raise ValueError(f"{name}: got {show(seeds)}, must be whole numbers")
+    seeds = [check_count(name, seed, 0) for seed in seeds]
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise ValueError(f"{name}: got {seeds}, must be at least one, each once")
+    return seeds
+
+
+def _store(name, store, given):
+    try:
+        return Path(store)
+    except TypeError:
+        raise ValueError(f"{name}: got {show(store)}, must be a folder, or where one can be made") from None
+
+
+EXECUTOR = instance(Executor, "a concurrent.futures.Executor; Dask's: get_executor()")
+
+
+# ---------------------------------------------------------------------- the sweep
+
+
+@checked(function=_function, settings=_settings, seeds=_seeds, store=_store, executor=EXECUTOR, progress=check_flag)
 def sweep(function, settings, seeds, store, executor=None, *, progress=None):
     """[Record], one for each setting and each seed (seeds vary faster), of function(**setting, rng=default_rng(seed)).
 
@@ -58,10 +122,7 @@ def sweep(function, settings, seeds, store, executor=None, *, progress=None):
     where that is a terminal. A run that fails leaves its traceback, and the others go on. Warns of failed runs, and of
     files in the store that are not whole records: they do not count. Raises ValueError for bad input, before any run.
     """
-    name = _check_function(function)
-    settings, seeds = _check_settings(function, settings), _check_seeds(seeds)
-    _check_executor(executor)
-    store = _check_store(store)
+    name, store = function.__qualname__, _made(store)
     runs = {_file_name(name, setting, seed): (setting, seed) for setting in settings for seed in seeds}
     records = {file: record for file, record in _read(store).items() if record.error is None}
     left = {file: run for file, run in runs.items() if file not in records}
@@ -77,7 +138,7 @@ def sweep(function, settings, seeds, store, executor=None, *, progress=None):
     errors = [records[file].error for file in runs if records[file].error]
     if errors:
         last = errors[0].splitlines()[-1]
-        warnings.warn(f"{len(errors)} of {len(runs)} runs failed, the next call repeats them: {last}", stacklevel=2)
+        warnings.warn(f"{len(errors)} of {len(runs)} runs failed, the next call repeats them: {last}", stacklevel=3)
     return [records[file] for file in runs]
 
 
@@ -197,6 +258,15 @@ def _file_name(function, setting, seed):
     return f"{readable}_seed={seed}_{_digest([function, setting, seed])[:12]}.json"
 
 
+def _made(store):
+    """The folder, made where there is none."""
+    try:
+        store.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError):
+        raise ValueError(f"store: got {show(str(store))}, must be a folder, or where one can be made") from None
+    return store
+
+
 def _digest(data):
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
@@ -222,71 +292,7 @@ def _read(store):
             if data["sha256"] != _digest(data["run"]) or path.name != name:
                 raise ValueError
         except (OSError, ValueError, TypeError, KeyError):
-            warnings.warn(f"{path}: not a whole record of a run, it does not count", stacklevel=3)
+            warnings.warn(f"{path}: not a whole record of a run, it does not count", stacklevel=4)
         else:
             records[path.name] = record
     return records
-
-
-# ---------------------------------------------------------------------- what may be asked
-
-
-def _plain(name, value):
-    """value as JSON data; ValueError where it is not."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(name, item) for item in value]
-    if isinstance(value, dict) and all(isinstance(key, str) for key in value):
-        return {key: _plain(name, item) for key, item in value.items()}
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    raise ValueError(f"{name}: got {value!r}, must be numbers, strings, lists, and dicts with strings as keys")
-
-
-def _check_function(function):
-    home = sys.modules.get(getattr(function, "__module__", None))
-    name = getattr(function, "__qualname__", "")
-    if getattr(home, name, None) is not function or not hasattr(home, "__file__"):
-        raise ValueError(f"function: got {function!r}, must be at the top level of a module, for workers to import")
-    return name
-
-
-def _check_settings(function, settings):
-    if not isinstance(settings, list | tuple) or not settings:
-        raise ValueError(f"settings: got {settings!r}, must be a list of at least one dict")
-    seen = []
-    for i, setting in enumerate(settings):
-        if not isinstance(setting, dict) or "rng" in setting:
-            raise ValueError(f"settings[{i}]: got {setting!r}, must be a dict of keyword arguments, without rng")
-        try:
-            inspect.signature(function).bind(**_plain(f"settings[{i}]", setting), rng=None)
-        except TypeError as error:
-            raise ValueError(f"settings[{i}]: got {setting!r}, must be what the function takes: {error}") from None
-        digest = _digest(_plain("settings", setting))
-        if digest in seen:
-            raise ValueError(f"settings[{i}]: got {setting!r}, must differ from settings[{seen.index(digest)}]")
-        seen.append(digest)
-    return [_plain("settings", setting) for setting in settings]
-
-
-def _check_seeds(seeds):
-    if isinstance(seeds, str) or not hasattr(seeds, "__iter__"):
-        raise ValueError(f"seeds: got {seeds!r}, must be whole numbers")
-    seeds = [check_count("seeds", seed, 0) for seed in seeds]
-    if not seeds or len(set(seeds)) < len(seeds):
-        raise ValueError(f"seeds: got {seeds}, must be at least one, each once")
-    return seeds
-
-
-def _check_executor(executor):
-    if not isinstance(executor, Executor | None):
-        raise ValueError(f"executor: got {executor!r}, must be a concurrent.futures.Executor; Dask's: get_executor()")
-
-
-def _check_store(store):
-    try:
-        Path(store).mkdir(parents=True, exist_ok=True)
-    except (TypeError, FileExistsError, NotADirectoryError):
-        raise ValueError(f"store: got {store!r}, must be a folder, or where one can be made") from None
-    return Path(store)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rlcore.bellman import v_from_q
-from rlcore.core.checks import anything, check_pi, spaces, takes_none
+from rlcore.core.checks import anything, as_flags, check_pi, checked, elementwise, spaces, takes_none
 from rlcore.core.compiled import inlined
 from rlcore.core.learner import learner, log, note, prediction
 from rlcore.core.sampling import draw
@@ -15,15 +15,20 @@ from rlcore.policies import control, epsilon_greedy, expected_value, max_value
 
 
 @inlined
+@checked(r=elementwise(), V_next=elementwise("r"), terminated=elementwise("r", "V_next", kind=as_flags))
 def td_target(r, V_next, gamma, terminated=False):
     """r + gamma V(s'), where an end counts 0; elementwise. eq-u-td-target corrected, eq-23"""
     return r + gamma * V_next * (1 - terminated)  # eq-u-td-target
 
 
 @inlined
+@checked(
+    r=elementwise(), V=elementwise("r"), V_next=elementwise("r", "V"),
+    terminated=elementwise("r", "V", "V_next", kind=as_flags),
+)  # fmt: skip
 def td_error(r, V, V_next, gamma, terminated=False):
     """delta = r + gamma V(s') - V(s), elementwise. om-td-error, eq-36"""
-    return td_target(r, V_next, gamma, terminated) - V  # eq-36
+    return r + gamma * V_next * (1 - terminated) - V  # eq-36
 
 
 @learner(prediction)

@@ -2,11 +2,21 @@
 
 import copy
 
-import numpy as np
-
+from rlcore.core.checks import check_dtype, checked
 from rlcore.core.extras import extra
-from rlcore.neurons import check_dtype
-from rlcore.optimizers import Adam, check_optimizer, take_step
+from rlcore.core.samples import check_samples
+from rlcore.nn import MLP
+from rlcore.optimizers import Adam, take_step
+
+
+def _module(name, module, given):
+    import torch
+
+    if not isinstance(module, torch.nn.Module):
+        raise ValueError(f"{name}: got {type(module).__name__}, must be a torch.nn.Module")
+    if len({p.dtype for p in module.parameters()}) != 1:
+        raise ValueError(f"{name}: its parameters must be of one dtype, and at least one")
+    return module
 
 
 class TorchNet:
@@ -17,15 +27,14 @@ class TorchNet:
     Adam(lr).
     """
 
+    @checked(module=_module)
     def __init__(self, module, optimizer=None, lr=None):
         with extra("deep"):
             import torch
 
         self._torch, self.module = torch, module
-        self.optimizer = Adam(lr) if optimizer is None and lr is not None else check_optimizer(optimizer)
+        self.optimizer = Adam(lr) if optimizer is None and lr is not None else optimizer
         self._parameters = list(module.parameters())
-        if len({p.dtype for p in self._parameters}) != 1:
-            raise ValueError("module: its parameters must be of one dtype, and at least one")
         self._flat = torch.cat([p.detach().reshape(-1) for p in self._parameters])
         for p, part in zip(self._parameters, self._flat.split([p.numel() for p in self._parameters])):
             p.data = part.view_as(p)
@@ -37,6 +46,8 @@ class TorchNet:
         with extra("deep"):
             import torch
 
+        if not isinstance(mlp, MLP):
+            raise ValueError(f"mlp: got {type(mlp).__name__}, must be an MLP")
         layer = {"sigmoid": torch.nn.Sigmoid, "relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "linear": torch.nn.Identity}
         modules = []
         for w, b in zip(mlp.weights, mlp.biases):
@@ -52,20 +63,25 @@ class TorchNet:
     def forward(self, x):
         if self._flat.device.type != "cpu":
             self._flat.copy_(self._torch.from_numpy(self.theta))
-        x = self._torch.as_tensor(np.asarray(x, self.theta.dtype), device=self._flat.device)
-        self._x, self._outputs = x, self.module(x)
+        x = self._tensor("x", x)
+        try:
+            self._x, self._outputs = x, self.module(x)
+        except RuntimeError as error:
+            raise ValueError(f"x: got shape {tuple(x.shape)}, must be what the module takes ({error})") from error
         return self._outputs.detach().cpu().numpy()
 
     def backward(self, d_outputs):
-        if self._outputs is None or np.shape(d_outputs) != tuple(self._outputs.shape):
-            raise ValueError(f"d_outputs: got shape {np.shape(d_outputs)}, must be that of the outputs of forward")
-        d = self._torch.as_tensor(np.asarray(d_outputs, self.theta.dtype), device=self._flat.device)
+        d = self._tensor("d_outputs", d_outputs)
+        if self._outputs is None or d.shape != self._outputs.shape:
+            raise ValueError(f"d_outputs: got shape {tuple(d.shape)}, must be that of the outputs of forward")
         options = dict(retain_graph=True, allow_unused=True, materialize_grads=True)
         parts = self._torch.autograd.grad(self._outputs, self._parameters, d, **options)
         return self._torch.cat([part.reshape(-1) for part in parts]).cpu().numpy()
 
     def jvp(self, v):
-        v = self._torch.as_tensor(np.asarray(v, self.theta.dtype), device=self._flat.device)
+        v = self._tensor("v", v)
+        if v.shape != self._flat.shape or self._outputs is None:
+            raise ValueError(f"v: got shape {tuple(v.shape)}, must be {self.theta.shape}, after a forward pass")
         names, sizes = zip(*((name, p.numel()) for name, p in self.module.named_parameters()))
         values = {name: p.detach() for name, p in self.module.named_parameters()}
         changes = {name: part.view_as(values[name]) for name, part in zip(names, v.split(sizes))}
@@ -76,8 +92,11 @@ class TorchNet:
     def step(self, gradient):
         take_step(self, gradient)
 
+    def _tensor(self, name, values):
+        return self._torch.as_tensor(check_samples(name, values, self.theta.dtype), device=self._flat.device)
+
     def copy(self, dtype=None):
         module = copy.deepcopy(self.module)
         if dtype is not None:
-            module = module.to(getattr(self._torch, check_dtype(dtype).name))
+            module = module.to(getattr(self._torch, check_dtype("dtype", dtype).name))
         return TorchNet(module, copy.deepcopy(self.optimizer) if dtype is None else None)

@@ -1,4 +1,4 @@
-"""Between TD(0) and Monte Carlo: n-step targets, lambda-returns and eligibility traces (chapter 5)."""
+"""Eligibility traces: TD(lambda) of values and of behaviour, between TD(0) and Monte Carlo (chapter 5)."""
 
 import numpy as np
 
@@ -10,8 +10,7 @@ from rlcore.core.checks import (
     check_rate,
     checked,
     choice,
-    finite,
-    rule_of,
+    elementwise,
     show,
     takes_none,
 )
@@ -26,12 +25,9 @@ from rlcore.policies import control, epsilon_greedy, max_value
 from rlcore.td import td_error
 
 TRACES = ("accumulating", "dutch", "replacing")
-
+PRINTED = "dutch as printed"
 
 # ---------------------------------------------------------------------- the trace of a state or a pair
-
-
-PRINTED = "dutch as printed"
 
 
 @takes_none
@@ -41,7 +37,7 @@ def _dutch_rate(name, alpha, given):
     return check_rate(name, alpha) if kind in ("dutch", PRINTED) or alpha is not None else None
 
 
-@checked(e=rule_of(finite), visited=rule_of(as_flags), kind=choice(*TRACES, PRINTED), alpha=_dutch_rate)
+@checked(e=elementwise(), visited=elementwise("e", kind=as_flags), kind=choice(*TRACES, PRINTED), alpha=_dutch_rate)
 def trace_update(e, visited, gamma_lam, kind, alpha=None):
     """The trace after one step, from the trace e before it. eq-34, eq-35, om-state-traces, om-indicator, fig-26
 

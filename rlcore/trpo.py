@@ -4,14 +4,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.core.agents import make_agent
-from rlcore.core.checks import check_count, check_fraction, check_nonnegative, check_positive, check_rng
-from rlcore.core.rollouts import Settings, make_run, rollouts, vector_env
+from rlcore.core.agents import ActorCritic, make_agent
+from rlcore.core.checks import (
+    anything,
+    array,
+    check_fraction,
+    check_nonnegative,
+    check_positive,
+    checked,
+    count,
+    function_of,
+    instance,
+    rules,
+)
+from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
+from rlcore.core.samples import finite_numbers
+from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 
 FIELDS = ("steps", "kl", "improvement", "shrunk", "entropy", "value_loss")
 
 
+@checked(
+    **SETTINGS, **rules(count(), "cg_steps backtracks"), delta=check_positive, damping=check_nonnegative,
+    shrink=check_fraction,
+)  # fmt: skip
 @dataclass(frozen=True)
 class TRPOConfig(Settings):
     """Settings of `trpo`. delta: largest mean KL(old, new) of an update (45). damping: multiple of the identity that is
@@ -28,14 +45,8 @@ class TRPOConfig(Settings):
     backtracks: int = 10
     shrink: float = 0.8
 
-    def __post_init__(self):
-        super().__post_init__()
-        check_positive("delta", self.delta), check_nonnegative("damping", self.damping)
-        for name in ("cg_steps", "backtracks"):
-            check_count(name, getattr(self, name))
-        check_fraction("shrink", self.shrink)
 
-
+@checked(product=function_of("v (P,)"), b=array("P", kind=finite_numbers))
 def conjugate_gradient(product, b, n_steps, tol=1e-10):
     """x with H x = b for a symmetric positive definite H that is known only by product(v) = H v. om-trpo-step
 
@@ -43,7 +54,7 @@ def conjugate_gradient(product, b, n_steps, tol=1e-10):
     """
     x, r = np.zeros_like(b), b.copy()
     p, rr = r.copy(), r @ r
-    for _ in range(check_count("n_steps", n_steps)):
+    for _ in range(n_steps):
         if rr < tol:
             break
         Hp = product(p)
@@ -55,6 +66,25 @@ def conjugate_gradient(product, b, n_steps, tol=1e-10):
     return x
 
 
+def _policy(name, policy, given):
+    """The rule of the policy that the agent's last forward pass gave."""
+    policy = instance(Categorical | Gaussian, "a Categorical or a Gaussian")(name, policy, given)
+    if isinstance(policy, Gaussian) != (given["agent"].log_std is not None):
+        raise ValueError(f"{name}: got {type(policy).__name__}, must be what the agent's forward gives")
+    return policy
+
+
+def _parameters(name, v, given):
+    v, P = finite_numbers(name, v), len(_get(given["agent"]))
+    if v.shape != (P,):
+        raise ValueError(f"{name}: got shape {v.shape}, must be ({P},)")
+    return v
+
+
+AGENT = instance(ActorCritic, "an ActorCritic")
+
+
+@checked(agent=AGENT, policy=_policy, v=_parameters, damping=check_nonnegative)
 def fisher_vector_product(agent, policy, v, damping=0.0):
     """H v, where H is the Fisher matrix of the policy averaged over the states of the agent's last forward. eq-ppo-45
 
@@ -69,6 +99,29 @@ def fisher_vector_product(agent, policy, v, damping=0.0):
     return np.append(agent.net.backward(d_mean / B), d_log_std.mean(axis=0)) + damping * v
 
 
+def _samples(name, x, given):
+    """The rule of observations (B, d) of the agent."""
+    x = finite_numbers(name, x)
+    given["agent"].forward(x)
+    return x
+
+
+def _actions(name, actions, given):
+    try:
+        given["agent"].forward(given["x"])[0].log_prob(actions)
+    except ValueError as error:
+        raise ValueError(f"{name}{str(error).removeprefix('a')}") from None
+    return np.asarray(actions)
+
+
+def _advantage(name, advantage, given):
+    advantage = finite_numbers(name, advantage)
+    if advantage.shape != given["x"].shape[:1]:
+        raise ValueError(f"{name}: got shape {advantage.shape}, must be {given['x'].shape[:1]}, one for each sample")
+    return advantage
+
+
+@checked(agent=AGENT, x=_samples, actions=_actions, advantage=_advantage, config=instance(TRPOConfig))
 def trpo_step(agent, x, actions, advantage, config):
     """One update of the policy: the largest step along the natural gradient that (45) and (44) allow. alg-trpo
 
@@ -79,8 +132,8 @@ def trpo_step(agent, x, actions, advantage, config):
     old_log_prob, theta = old.log_prob(actions), _get(agent)
     before = float(advantage.mean())  # eq-ppo-44 at ratio 1
     gradient = _surrogate_gradient(agent, old, actions, advantage)
-    product = lambda v: fisher_vector_product(agent, old, v, config.damping)  # noqa: E731
-    direction = conjugate_gradient(product, gradient, config.cg_steps)
+    product = lambda v: fisher_vector_product.unchecked(agent, old, v, config.damping)  # noqa: E731
+    direction = conjugate_gradient.unchecked(product, gradient, config.cg_steps)
     curvature = float(direction @ product(direction))
     if not curvature > 0:
         return 0.0, 0.0, 0
@@ -119,6 +172,7 @@ def _set(agent, theta):
         agent.log_std[:] = theta[P:]
 
 
+@checked(world=anything, config=config_of(TRPOConfig), net=anything, critic=anything)
 def trpo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=None):
     """Rollouts, each followed by one natural gradient step within the trust region. alg-trpo, eq-ppo-44, eq-ppo-45
 
@@ -128,15 +182,12 @@ def trpo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=
     (how often the step was cut; backtracks: given up), entropy, value_loss before the fit.
     Source: Schulman et al. (2015), section 6 and appendix C.
     """
-    n_steps, rng = check_count("n_steps", n_steps), check_rng(rng)
-    if not isinstance(config := TRPOConfig() if config is None else config, TRPOConfig):
-        raise ValueError(f"config: got {type(config).__name__}, must be a TRPOConfig")
     env, history = vector_env(world, config.n_envs), []
     agent = make_agent(env, config, net, critic, rng)
     for rollout, episodes in rollouts(env, agent, config, n_steps, on_episode, rng):
         x, actions, advantage, target = learning_data(agent, rollout, config)
         value_loss = float(((agent.forward(x)[1] - target) ** 2).mean())
-        record = trpo_step(agent, x, actions, advantage, config)
+        record = trpo_step.unchecked(agent, x, actions, advantage, config)
         fit_values(agent, x, target, config, rng)
         entropy = float(agent.forward(x)[0].entropy().mean())
         history.append((episodes.steps, *record, entropy, value_loss))

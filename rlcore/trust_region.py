@@ -7,25 +7,30 @@ import numpy as np
 
 from rlcore.bellman import expected_visits, q_from_v, solve_policy
 from rlcore.core.checks import (
+    array,
     as_floats,
-    check_count,
+    check_finite,
     check_fraction,
-    check_function,
-    check_gamma,
     check_nonnegative,
-    check_policy,
     check_positive,
+    checked,
+    finite,
+    function_of,
+    instance,
 )
-from rlcore.neurons import log_softmax
+from rlcore.core.samples import numbers
+from rlcore.neurons import softmax
 
 # ---------------------------------------------------------------------- at the old policy
 
 
+@checked
 def eta(mdp, pi, gamma):
     """Performance of pi (S, A): the expected discounted return from the start distribution. fig-58"""
     return float(mdp.start @ solve_policy(mdp, pi, gamma))
 
 
+@checked
 def advantage(mdp, pi, gamma):
     """A(s, a) = q_pi(s, a) - v_pi(s), (S, A); -inf where a is not in A(s). eq-ppo-42, cl-122"""
     V = solve_policy(mdp, pi, gamma)
@@ -52,49 +57,68 @@ class OldPolicy:
         return self.visits / self.visits.sum()
 
 
+@checked
 def old_policy(mdp, pi, gamma):
     """pi (S, A) as an OldPolicy. alg-trpo, om-trpo-step"""
-    pi, go = check_policy(mdp, pi), ~mdp.terminal
-    A = np.where(mdp.legal & go[:, None], advantage(mdp, pi, gamma), 0.0)
-    return OldPolicy(pi, check_gamma(gamma), eta(mdp, pi, gamma), A, expected_visits(mdp, pi, gamma))
+    A = np.where(mdp.legal & ~mdp.terminal[:, None], advantage(mdp, pi, gamma), 0.0)
+    return OldPolicy(pi, gamma, eta(mdp, pi, gamma), A, expected_visits(mdp, pi, gamma))
 
 
 # ---------------------------------------------------------------------- objectives of the new policy
 
 
+def _policies(name, pi, given):
+    """The rule of policies (..., S, A) beside an old one."""
+    pi, shape = as_floats(name, pi), given["old"].pi.shape
+    if pi.shape[-2:] != shape:
+        raise ValueError(f"{name}: got shape {pi.shape}, must end in {shape}")
+    if not ((pi >= 0).all() and (np.abs(pi.sum(axis=-1) - 1) <= 1e-9).all()):
+        raise ValueError(f"{name}: has a row that is no distribution, must be probabilities that sum to 1")
+    return pi
+
+
+OLD = dict(old=instance(OldPolicy, "what old_policy returns"), pi=_policies)
+
+
+@checked(**OLD)
 def surrogate(old, pi):
     """Mean over the old policy's time steps of r_t A_t with r_t = pi / pi_old: 0 at pi_old. eq-ppo-44, eq-ppo-48
 
     pi: (..., S, A), one policy or many. Returns (...). The ratio times the old probability is the new one.
     """
-    return (_policies(old, pi) * old.A).sum(axis=-1) @ old.weight  # eq-ppo-44
+    return (pi * old.A).sum(axis=-1) @ old.weight  # eq-ppo-44
 
 
+@checked(**OLD)
 def local_performance(old, pi):
     """L_old(pi): eta of pi to first order, with the states that pi_old meets instead of its own; (...). eq-ppo-46
 
     Source: Kakade and Langford (2002); Schulman et al. (2015), equation (3).
     """
-    return old.eta + old.visits.sum() * surrogate(old, pi)
+    return old.eta + old.visits.sum() * surrogate.unchecked(old, pi)
 
 
+@checked(**OLD)
 def kl(old, pi):
     """KL(pi_old(.|s), pi(.|s)) in each state, (..., S); inf where pi never does what pi_old may do. eq-ppo-45"""
-    pi, used = _policies(old, pi), old.pi > 0
+    used = old.pi > 0
     with np.errstate(divide="ignore"):
         return (old.pi * (np.log(np.where(used, old.pi, 1.0)) - np.log(np.where(used, pi, 1.0)))).sum(axis=-1)
 
 
+@checked(**OLD)
 def mean_kl(old, pi):
     """KL averaged over the old policy's time steps, (...). eq-ppo-45"""
-    return np.where(old.weight > 0, kl(old, pi), 0.0) @ old.weight  # eq-ppo-45
+    return np.where(old.weight > 0, kl.unchecked(old, pi), 0.0) @ old.weight  # eq-ppo-45
 
 
+@checked(**OLD)
 def max_kl(old, pi):
     """The largest KL of any state that the old policy can be in, (...). eq-ppo-46 corrected"""
-    return np.where(old.weight > 0, kl(old, pi), 0.0).max(axis=-1)
+    return np.where(old.weight > 0, kl.unchecked(old, pi), 0.0).max(axis=-1)
 
 
+@checked(**OLD)
 def penalty_coefficient(old):
     """C = 4 epsilon gamma / (1 - gamma)^2 with epsilon the largest absolute advantage. eq-ppo-46 corrected, cl-128
 
@@ -105,26 +129,33 @@ def penalty_coefficient(old):
     return 4 * np.abs(old.A).max() * old.gamma / (1 - old.gamma) ** 2
 
 
+@checked(**OLD, C=check_nonnegative)
 def lower_bound(old, pi, C=None):
     """L_old(pi) - C max_s KL, (...): never above eta(pi) with the C of `penalty_coefficient`. eq-ppo-46 corrected
 
     C: another coefficient, for which that is not guaranteed. fig-58, cl-128, cl-129
     """
-    C = penalty_coefficient(old) if C is None else check_nonnegative("C", C)
-    return local_performance(old, pi) - C * max_kl(old, pi)
+    C = penalty_coefficient(old) if C is None else C
+    return local_performance.unchecked(old, pi) - C * max_kl.unchecked(old, pi)
 
 
+def _beside_base(name, direction, given):
+    direction, base = finite(name, direction), given["base"]
+    if base.shape != direction.shape:
+        raise ValueError(f"{name}: got shape {direction.shape} with base of {base.shape}, must be both (S, A)")
+    return direction
+
+
+@checked(base=array("S", "A"), direction=_beside_base, theta=finite)
 def policy_line(base, direction, theta):
     """Softmax policies with one parameter: preferences base + theta direction, (S, A) each. fig-58
 
     theta: any shape. Returns (..., S, A).
     """
-    base, direction = as_floats("base", base), as_floats("direction", direction)
-    if base.ndim != 2 or base.shape != direction.shape:
-        raise ValueError(f"direction: got shape {direction.shape} with base of {base.shape}, must be both (S, A)")
-    return np.exp(log_softmax(base + as_floats("theta", theta)[..., None, None] * direction))
+    return softmax(base + theta[..., None, None] * direction)
 
 
+@checked(bound=function_of("(theta, candidates)"), theta=check_finite, reach=check_positive)
 def mm_maximise(bound, theta, n_steps, *, reach=4.0):
     """theta_0 ... theta_n where each maximises the bound built at the one before, (n_steps + 1,). alg-mm, ex-mm
 
@@ -132,18 +163,28 @@ def mm_maximise(bound, theta, n_steps, *, reach=4.0):
     either side of theta, denser near it, and theta is one of them: what the bound minorizes never falls.
     Source: Hunter and Lange (2004).
     """
-    side = check_positive("reach", reach) * np.geomspace(1e-6, 1, 300)
-    offsets, history = np.concatenate([[0.0], side, -side]), [float(as_floats("theta", theta))]
-    check_function("bound", bound, "(theta, candidates)")
-    for _ in range(check_count("n_steps", n_steps)):
+    side = reach * np.geomspace(1e-6, 1, 300)
+    offsets, history = np.concatenate([[0.0], side, -side]), [theta]
+    for _ in range(n_steps):
         candidates = history[-1] + offsets
-        history.append(float(candidates[np.argmax(bound(history[-1], candidates))]))
+        history.append(float(candidates[np.argmax(numbers("bound", bound(history[-1], candidates)))]))
     return np.array(history)
 
 
 # ---------------------------------------------------------------------- line search and trust region
 
 
+def _beside_x(name, d, given):
+    d, x = finite(name, d), given["x"]
+    if x.shape != d.shape:
+        raise ValueError(f"{name}: got shape {d.shape}, must be that of x, {x.shape}")
+    return d
+
+
+OF_X = function_of("x (d,)")
+
+
+@checked(f=OF_X, x=array("d"), direction=_beside_x, slope=check_positive, shrink=check_fraction, c=check_fraction)
 def backtracking_line_search(f, x, direction, slope, *, shrink=0.5, c=1e-4, max_steps=60):
     """The first of the step sizes 1, shrink, shrink^2, ... that raises f enough, and where it leads. alg-line-search
 
@@ -151,27 +192,28 @@ def backtracking_line_search(f, x, direction, slope, *, shrink=0.5, c=1e-4, max_
     derivative of f at x, positive: the direction goes up. Returns t and (d,); 0 and x where no step is good.
     Source: Nocedal and Wright (2006), algorithm 3.1.
     """
-    x, d, slope = as_floats("x", x), as_floats("direction", direction), check_positive("slope", slope)
-    if x.shape != d.shape:
-        raise ValueError(f"direction: got shape {d.shape}, must be that of x, {x.shape}")
-    check_function("f", f, "x (d,)")
-    t, shrink, c, here = 1.0, check_fraction("shrink", shrink), check_fraction("c", c), f(x)
-    for _ in range(check_count("max_steps", max_steps)):
-        if f(x + t * d) >= here + c * t * slope:
-            return t, x + t * d
+    t, here = 1.0, f(x)
+    for _ in range(max_steps):
+        if f(x + t * direction) >= here + c * t * slope:
+            return t, x + t * direction
         t *= shrink
     return 0.0, x
 
 
+def _symmetric(name, H, given):
+    H, g = finite(name, H), given["g"]
+    if H.shape != (g.size, g.size) or not np.allclose(H, H.T):
+        raise ValueError(f"{name}: got shape {H.shape}, must be symmetric, {(g.size, g.size)}")
+    return H
+
+
+@checked(g=array("d"), H=_symmetric, radius=check_positive)
 def trust_region_step(g, H, radius):
     """The p (d,) that maximises g . p + p . H p / 2 with |p| <= radius. alg-trust-region
 
     g: (d,) gradient. H: (d, d) symmetric, of any sign. Where the top is not inside, p solves (lambda I - H) p = g with
     |p| = radius. Source: Nocedal and Wright (2006), theorem 4.1 and section 4.3.
     """
-    g, H, radius = as_floats("g", g), as_floats("H", H), check_positive("radius", radius)
-    if g.ndim != 1 or H.shape != (g.size, g.size) or not np.allclose(H, H.T):
-        raise ValueError(f"H: got shape {H.shape}, must be symmetric, {(g.size, g.size)}")
     curve, axes = np.linalg.eigh(H)
     b, top = axes.T @ g, max(curve[-1], 0.0)
     if curve[-1] < 0 and np.linalg.norm(b / curve) <= radius:
@@ -187,6 +229,7 @@ def trust_region_step(g, H, radius):
     return axes @ p
 
 
+@checked(f=OF_X, gradient=OF_X, hessian=OF_X, x=array("d"), radius=check_positive, max_radius=check_positive)
 def trust_region_ascent(f, gradient, hessian, x, n_steps, *, radius=1.0, max_radius=10.0):
     """n_steps trust region steps: positions (n_steps + 1, d) and radii (n_steps + 1,). alg-trust-region
 
@@ -194,16 +237,14 @@ def trust_region_ascent(f, gradient, hessian, x, n_steps, *, radius=1.0, max_rad
     more than three quarters and the step went to the edge; a step that lowers f is not taken.
     Source: Nocedal and Wright (2006), algorithm 4.1.
     """
-    xs, radii, limit = [as_floats("x", x)], [check_positive("radius", radius)], check_positive("max_radius", max_radius)
-    for name, function in dict(f=f, gradient=gradient, hessian=hessian).items():
-        check_function(name, function, "x (d,)")
-    for _ in range(check_count("n_steps", n_steps)):
+    xs, radii = [x], [radius]
+    for _ in range(n_steps):
         x, r, g, H = xs[-1], radii[-1], gradient(xs[-1]), hessian(xs[-1])
         p = trust_region_step(g, H, r)
         rise, model = f(x + p) - f(x), g @ p + p @ H @ p / 2
         ratio = rise / model if model > 0 else 1.0
         at_edge = np.linalg.norm(p) > 0.999 * r
-        radii.append(r / 2 if ratio < 0.25 else min(2 * r, limit) if ratio > 0.75 and at_edge else r)
+        radii.append(r / 2 if ratio < 0.25 else min(2 * r, max_radius) if ratio > 0.75 and at_edge else r)
         xs.append(x + p if rise > 0 else x)
     return np.array(xs), np.array(radii)
 
@@ -211,13 +252,14 @@ def trust_region_ascent(f, gradient, hessian, x, n_steps, *, radius=1.0, max_rad
 # ---------------------------------------------------------------------- exact steps of a tabular softmax
 
 
+@checked(**OLD, beta=check_positive)
 def penalised_step(old, beta):
     """The policy (S, A) that maximises surrogate - beta mean KL. eq-ppo-46, alg-kl-penalty, ex-beta
 
     In each state pi(a) = beta pi_old(a) / (mu - A(a)), where mu makes the sum over a 1; Newton from the left finds it.
     An action that pi_old never takes stays so, as with any softmax. Source: Grill et al. (2020), section 3.
     """
-    beta, A = check_positive("beta", beta), np.where(old.pi > 0, old.A, -np.inf)
+    A = np.where(old.pi > 0, old.A, -np.inf)
     gap = A.max(axis=1, keepdims=True) - A
     above = (beta * old.pi - gap).max(axis=1, keepdims=True)  # mu - max A, from where one of the terms is 1
     for _ in range(30):
@@ -227,40 +269,47 @@ def penalised_step(old, beta):
     return pi / pi.sum(axis=1, keepdims=True)
 
 
+@checked(**OLD, delta=check_positive)
 def constrained_step(old, delta):
     """The policy that maximises the surrogate under mean KL <= delta, and its beta. eq-ppo-44, eq-ppo-45, alg-trpo
 
     The beta whose `penalised_step` has a mean KL of delta: the constraint chooses the penalty. Returns (S, A) and a
     number; pi_old itself with beta = inf where no advantage is left. Source: Schulman et al. (2015), equation (12).
     """
-    delta, scale = check_positive("delta", delta), np.abs(old.A).max()
+    scale = np.abs(old.A).max()
     if scale <= 1e-12 * max(1.0, abs(old.eta)):
         return old.pi, np.inf
     low, high = np.log(scale) - 30, np.log(scale) + 30
     for _ in range(60):
         middle = (low + high) / 2
-        farther = mean_kl(old, penalised_step(old, np.exp(middle))) > delta
+        farther = mean_kl.unchecked(old, penalised_step.unchecked(old, np.exp(middle))) > delta
         low, high = (middle, high) if farther else (low, middle)
     return penalised_step(old, np.exp(high)), float(np.exp(high))
 
 
+LEAST_BETA, LARGEST_BETA = 1e-30, 1e30
+
+
+@checked(beta=check_positive, d=check_nonnegative, d_target=check_positive)
 def adapt_beta(beta, d, d_target):
     """beta after an update that moved the policy by a mean KL of d. om-adaptive-beta, alg-kl-adaptive, cl-131
 
-    Half where d < d_target / 1.5, twice where d > 1.5 d_target. Source: Schulman et al. (2017), section 4.
+    Half where d < d_target / 1.5, twice where d > 1.5 d_target, and never beyond LEAST_BETA and LARGEST_BETA, so that
+    it stays a number that float32 can weight with. Source: Schulman et al. (2017), section 4.
     """
-    beta, d_target = check_positive("beta", beta), check_positive("d_target", d_target)
-    d = check_nonnegative("d", d)
-    return beta / 2 if d < d_target / 1.5 else 2 * beta if d > 1.5 * d_target else beta  # om-adaptive-beta
+    if d < d_target / 1.5:
+        return max(beta / 2, min(beta, LEAST_BETA))  # om-adaptive-beta
+    return min(2 * beta, max(beta, LARGEST_BETA)) if d > 1.5 * d_target else beta
 
 
 Steps = namedtuple("Steps", "eta kl beta pi")  # (n + 1,), (n,), (n,), (S, A): performance, mean KL, beta, last policy
 
 
+@checked(beta=check_positive, d_target=check_positive)
 def penalised_ascent(mdp, pi, gamma, n_steps, *, beta, d_target=None):
     """n_steps exact penalised steps from pi, as Steps; beta stays, or adapts to d_target. alg-kl-adaptive, ex-beta"""
     old, etas, kls, betas = old_policy(mdp, pi, gamma), [], [], []
-    for _ in range(check_count("n_steps", n_steps)):
+    for _ in range(n_steps):
         new = penalised_step(old, beta)
         etas, kls, betas = [*etas, old.eta], [*kls, float(mean_kl(old, new))], [*betas, float(beta)]
         beta = beta if d_target is None else adapt_beta(beta, kls[-1], d_target)
@@ -268,24 +317,12 @@ def penalised_ascent(mdp, pi, gamma, n_steps, *, beta, d_target=None):
     return Steps(np.array([*etas, old.eta]), np.array(kls), np.array(betas), old.pi)
 
 
+@checked(delta=check_positive)
 def constrained_ascent(mdp, pi, gamma, n_steps, *, delta):
     """n_steps exact constrained steps from pi, as Steps with the beta that each constraint implies. alg-trpo, cl-127"""
     old, etas, kls, betas = old_policy(mdp, pi, gamma), [], [], []
-    for _ in range(check_count("n_steps", n_steps)):
+    for _ in range(n_steps):
         new, beta = constrained_step(old, delta)
         etas, kls, betas = [*etas, old.eta], [*kls, float(mean_kl(old, new))], [*betas, beta]
         old = old_policy(mdp, new, gamma)
     return Steps(np.array([*etas, old.eta]), np.array(kls), np.array(betas), old.pi)
-
-
-# ---------------------------------------------------------------------- checks
-
-
-def _policies(old, pi):
-    """pi as (..., S, A) floats; ValueError unless its rows are distributions."""
-    pi = as_floats("pi", pi)
-    if pi.shape[-2:] != old.pi.shape:
-        raise ValueError(f"pi: got shape {pi.shape}, must end in {old.pi.shape}")
-    if not ((pi >= 0).all() and (np.abs(pi.sum(axis=-1) - 1) <= 1e-9).all()):
-        raise ValueError("pi: has a row that is no distribution, must be probabilities that sum to 1")
-    return pi

@@ -220,16 +220,19 @@ def test_frames_of_pyplot_are_closed():
 
 
 BAD = {
-    "no choices": ({}, "no choices"),
-    "an empty choice": ({"gamma": []}, r"gamma=\[\]"),
-    "a value twice": ({"gamma": [0.5, 0.5]}, r"gamma=\[0.5, 0.5\]"),
+    "no choices": ({}, "choices: got none"),
+    "an empty choice": ({"gamma": []}, r"gamma: got \[\], must be numbers or words"),
+    "a value twice": ({"gamma": [0.5, 0.5]}, r"gamma: got \[0.5, 0.5\], must be values that look different"),
     "too many frames": ({"gamma": range(6), "shape": list("abcdefg")}, r"42 frames \(6 gamma x 7 shape\).* 40"),
-    "an empty title": ({"title": " ", "gamma": [1]}, "title=' '"),
-    "alt not a function": ({"alt": "text", "gamma": [1]}, "alt='text'"),
-    "alt without a text": ({"alt": lambda gamma: "", "gamma": [1]}, "alt returned ''"),
-    "unknown format": ({"fmt": "gif", "gamma": [1]}, "fmt='gif'"),
-    "label of nothing": ({"labels": {"beta": "b"}, "gamma": [1]}, r"labels has \['beta'\]"),
-    "draw not a function": ({"draw": 3, "gamma": [1]}, "draw=3"),
+    "an empty title": ({"title": " ", "gamma": [1]}, "title: got ' ', must be a text"),
+    "alt not a function": ({"alt": "text", "gamma": [1]}, "alt: got 'text', must be a function"),
+    "alt without a text": ({"alt": lambda gamma: "", "gamma": [1]}, "alt: returned ''"),
+    "unknown format": ({"fmt": "gif", "gamma": [1]}, "fmt: got 'gif', allowed are"),
+    "label of nothing": (
+        {"labels": {"beta": "b"}, "gamma": [1]},
+        r"labels: got .'beta': 'b'., must be texts for .*\['gamma'\]",
+    ),
+    "draw not a function": ({"draw": 3, "gamma": [1]}, "draw: got 3, must be a function"),
     "draw without a figure": ({"draw": lambda gamma: None, "gamma": [1]}, "draw returned NoneType"),
 }
 

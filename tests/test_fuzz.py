@@ -32,13 +32,16 @@ def arguments(name):
 
 
 def call(name, given):
-    """The function called; `extra` are keywords beyond its names, `args` what stands behind its first arguments."""
+    """The function called; `args` stand behind its first argument, `settings` are keywords beyond its names."""
     function, given = FUNCTIONS[name], dict(given)
     owner = FUNCTIONS.get(name.rpartition(".")[0])
     if inspect.isclass(owner) and isinstance(vars(owner)[name.rpartition(".")[2]], classmethod):
         function = getattr(owner, name.rpartition(".")[2])
     elif isinstance(function, staticmethod):
         function = function.__func__
+    behind = given.pop("args", ())
+    if behind:
+        return function(given.pop("method"), *behind, **given.pop("settings", {}), **given)
     return function(**given)
 
 
@@ -52,7 +55,7 @@ def test_bad_values_are_named(name):
     has_nan = fuzz.holds_nan(call(name, good))
     found = []
     for argument in good:
-        if argument == "self":
+        if argument in ("self", "args", "settings"):
             continue
         for kind, value in fuzz.BAD.items():
             given = arguments(name)

@@ -281,7 +281,7 @@ NORMAL = torch.zeros(4, 2), torch.zeros(2)
         (lambda: losses.ratio(LOGITS, LOGITS, ACTIONS[:, None]), r"actions: got shape \(4, 1\), must be \(4,\)"),
         (lambda: losses.ratio(NORMAL, NORMAL, ONES), r"actions: got shape \(4,\), must be \(4, 2\)"),
         (lambda: losses.value_loss(ONES, ONES[:, None]), r"target: got shape \(4, 1\), must be \(4,\)"),
-        (lambda: losses.label_objective(LOGITS, ACTIONS[:2]), r"actions: got shape \(2,\)"),
+        (lambda: losses.label_objective(LOGITS, ACTIONS[:2]), r"labels: got shape \(2,\)"),
     ],
 )
 def test_bad_calls_name_the_argument(call, message):

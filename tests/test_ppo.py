@@ -406,6 +406,16 @@ def test_policies_that_were_learned_act():
     assert leaning[0] > leaning[1] > 0
 
 
+@pytest.mark.parametrize("first", [1.0, 1e-300, 1e300])
+def test_beta_adapts_for_ever(first):
+    """However many quiet or wild rollouts there are, it stays a positive number that float32 holds, if it was one."""
+    for kl, last in ((0.0, min(first, 1e-30)), (1.0, max(first, 1e30))):
+        beta = first
+        for _ in range(3000):
+            beta = adapt_beta(beta, kl, 0.01)
+        assert beta == last
+
+
 # ---------------------------------------------------------------------- bad input
 
 
@@ -422,7 +432,7 @@ def net(*sizes, optimizer=True):
     [
         (
             lambda: PPOConfig(objective="CLIP"),
-            "objective: got 'CLIP', must be one of clip, none, kl_fixed, kl_adaptive",
+            "objective: got 'CLIP', allowed are 'clip', 'none', 'kl_fixed', 'kl_adaptive'",
         ),
         (lambda: PPOConfig(objective=None), "objective: got None"),
         (lambda: PPOConfig(clip=0), "clip: got 0"),

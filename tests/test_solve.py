@@ -143,7 +143,9 @@ def test_every_way_finds_the_same(mdp, monkeypatch):
     V_star = exact(mdp, 0.95)
     for patience, cap in ((np.inf, 400), (0.0, 10**6), (0.0, 0)):
         source = plain(PATIENCE=patience, QUEUE_CAP=cap)
-        V, Q, pi, bound, n_iter = source["_solve_sparse"](*quick._arrays(mdp), *quick._rest(mdp), 0.95, 1e-6)
+        V, Q, pi, bound, n_iter = source["_solve_sparse"](
+            *quick._arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, 0.95, 1e-6
+        )
         assert np.abs(V - V_star).max() <= bound <= 1e-6
         assert np.abs(solve_policy(mdp, pi, 0.95) - V_star).max() <= 2 * 0.95 * bound / 0.05
 

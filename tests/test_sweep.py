@@ -533,7 +533,7 @@ BAD = {
     "store nothing": (dict(store=None), "store: got None, must be a folder"),
     "store a file": (dict(store=__file__), "must be a folder, or where one can be made"),
     "store below a file": (dict(store=f"{__file__}/store"), "must be a folder, or where one can be made"),
-    "executor a number": (dict(executor=4), "executor: got 4, must be a concurrent.futures.Executor"),
+    "executor a number": (dict(executor=4), "executor: got int, must be a concurrent.futures.Executor"),
 }
 
 

@@ -2,9 +2,48 @@
 
 import numpy as np
 
+from rlcore.core.checks import array, check_optimizer, check_positive, checked, count, finite, instance
+from rlcore.core.samples import check_samples
 from rlcore.distributions import Categorical, Gaussian
-from rlcore.nn import MLP, check_network
+from rlcore.nn import MLP, check_network, network
 from rlcore.optimizers import Adam
+
+
+class Normaliser:
+    """Observations less their mean, over their deviation, both of all that was seen so far; cut at +-limit.
+
+    Source: Chan, Golub and LeVeque (1979) for the running sums.
+    """
+
+    @checked(d=count(), limit=check_positive)
+    def __init__(self, d, limit=5.0, dtype=np.float32):
+        self.n, self._mean, self._square, self.limit = 0, np.zeros(d), np.zeros(d), limit
+        self.mean, self.scale = np.zeros(d, dtype), np.ones(d, dtype)
+
+    def update(self, x):
+        """Count x (B, d) in."""
+        x = check_samples("x", x, self.mean.dtype)
+        if x.ndim != 2 or not len(x) or x.shape[1:] != self.mean.shape:
+            raise ValueError(f"x: got shape {x.shape}, must be (B, {self.mean.size}), with B at least 1")
+        n, mean = self.n + len(x), x.mean(axis=0, dtype=float)
+        apart = mean - self._mean
+        self._square += ((x - mean) ** 2).sum(axis=0) + apart**2 * (self.n * len(x) / n)
+        self._mean += apart * (len(x) / n)
+        self.n = n
+        self.mean[:] = self._mean
+        self.scale[:] = 1 / np.sqrt(np.maximum(self._square / n, 1e-4))
+
+    def __call__(self, x):
+        x = (x - self.mean) * self.scale
+        return np.minimum(np.maximum(x, -self.limit, out=x), self.limit, out=x)
+
+
+def _writable(name, values):
+    """values, which are to learn in place, as they are; ValueError unless they are an array of floats, all finite."""
+    if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
+        raise ValueError(f"{name}: got {type(values).__name__}, must be an array of floats, (A,)")
+    finite(name, values)
+    return values
 
 
 class ActorCritic:
@@ -15,19 +54,31 @@ class ActorCritic:
     they are discrete. normaliser: what observations pass through first, or None.
     """
 
+    @checked(
+        net=network, critic=network, log_std=array("A", kind=_writable), log_std_optimizer=check_optimizer,
+        normaliser=instance(Normaliser),
+    )  # fmt: skip
     def __init__(self, net, critic=None, log_std=None, log_std_optimizer=None, normaliser=None):
         self.net, self.critic, self.log_std, self.normaliser = net, critic, log_std, normaliser
         self.log_std_optimizer = log_std_optimizer
-        self._n = -1 if critic is None else None
+        self._n, self._d = -1 if critic is None else None, getattr(net, "sizes", (None,))[0]
 
     def forward(self, x):
         """(policy, values (B,)) for observations x (B, d) that the normaliser has seen."""
         outputs = self.net.forward(x)
+        if outputs.ndim != 2:
+            raise ValueError(f"x: got shape {np.shape(x)}, must be (B, d)")
         values = outputs if self.critic is None else self.critic.forward(x)
-        return self.distribution(outputs[:, : self._n]), values[:, -1]
+        return self._policy(outputs[:, : self._n]), values[:, -1]
 
     def distribution(self, outputs):
         """The policy that outputs (B, A) stand for; it stays as it is when log_std learns on."""
+        outputs = check_samples("outputs", outputs, self.net.theta.dtype)
+        if outputs.ndim != 2 or self.log_std is not None and outputs.shape[1:] != self.log_std.shape:
+            raise ValueError(f"outputs: got shape {outputs.shape}, must be (B, A)")
+        return self._policy(outputs)
+
+    def _policy(self, outputs):
         return Categorical(outputs) if self.log_std is None else Gaussian(outputs, self.log_std.copy())
 
     def policy(self, observations):
@@ -40,7 +91,7 @@ class ActorCritic:
 
     def likeliest(self, observation):
         """The likeliest action for one observation (d,): a number, or (A,)."""
-        policy = self.policy(np.asarray(observation)[None])
+        policy = self.policy(finite("observation", observation)[None])
         return int(policy.logits[0].argmax()) if self.log_std is None else policy.mean[0]
 
     def step(self, d_policy, d_values):
@@ -49,14 +100,21 @@ class ActorCritic:
         d_policy: (B, A) with respect to the logits, or ((B, A), (B, A)) to mean and log_std. d_values: (B,).
         """
         d_outputs, d_log_std = d_policy if isinstance(d_policy, tuple) else (d_policy, None)
-        if self.critic is None:
-            d_outputs = np.column_stack((d_outputs, d_values))
-        else:
-            self.critic.step(self.critic.backward(d_values[:, None]))
-        self.net.step(self.net.backward(d_outputs))
+        try:
+            if self.critic is None:
+                gradient, d_critic = self.net.backward(np.column_stack((d_outputs, d_values))), None
+            else:
+                gradient, d_critic = self.net.backward(d_outputs), self.critic.backward(d_values[:, None])
+            d_log_std = None if d_log_std is None else d_log_std.sum(axis=0)
+        except (ValueError, TypeError, IndexError, AttributeError) as error:
+            raise ValueError(f"d_policy, d_values: {error}; must be (B, A), or a pair of them, and (B,)") from None
+        if d_critic is not None:
+            self.critic.step(d_critic)
+        self.net.step(gradient)
         if d_log_std is not None:
-            self.log_std_optimizer.update(self.log_std, d_log_std.sum(axis=0))
+            self.log_std_optimizer.update(self.log_std, d_log_std)
 
+    @checked
     def set_lr(self, lr):
         """The learning rate of every optimizer."""
         for part in (self.net.optimizer, self.critic and self.critic.optimizer, self.log_std_optimizer):
@@ -65,7 +123,9 @@ class ActorCritic:
 
     def see(self, observations):
         """observations as the networks take them."""
-        x = np.asarray(observations, self.net.theta.dtype)
+        x, d = check_samples("observations", observations, self.net.theta.dtype), self._d
+        if x.ndim != 2 or not len(x) or x.shape[1] != (d or x.shape[1]):
+            raise ValueError(f"observations: got shape {x.shape}, must be (B, {d or 'd'}), with B at least 1")
         return x if self.normaliser is None else self.normaliser(x)
 
     def acting(self):
@@ -82,31 +142,6 @@ class ActorCritic:
             return a[:, :n]
 
         return outputs
-
-
-class Normaliser:
-    """Observations less their mean, over their deviation, both of all that was seen so far; cut at +-limit.
-
-    Source: Chan, Golub and LeVeque (1979) for the running sums.
-    """
-
-    def __init__(self, d, limit=5.0, dtype=np.float32):
-        self.n, self._mean, self._square, self.limit = 0, np.zeros(d), np.zeros(d), limit
-        self.mean, self.scale = np.zeros(d, dtype), np.ones(d, dtype)
-
-    def update(self, x):
-        """Count x (B, d) in."""
-        n, mean = self.n + len(x), x.mean(axis=0, dtype=float)
-        apart = mean - self._mean
-        self._square += ((x - mean) ** 2).sum(axis=0) + apart**2 * (self.n * len(x) / n)
-        self._mean += apart * (len(x) / n)
-        self.n = n
-        self.mean[:] = self._mean
-        self.scale[:] = 1 / np.sqrt(np.maximum(self._square / n, 1e-4))
-
-    def __call__(self, x):
-        x = (x - self.mean) * self.scale
-        return np.minimum(np.maximum(x, -self.limit, out=x), self.limit, out=x)
 
 
 def make_agent(env, config, net, critic, rng, *, shared=False):

@@ -6,11 +6,14 @@ argument, what came and what is allowed. given: the arguments before it, checked
 
 import functools
 import inspect
+import math
 from numbers import Real
 
 import numpy as np
 
 LARGEST = 10**9  # of anything that is counted
+ENTRIES = 10**8  # of an array that a world is made of, 0.8 GB
+HUGE = np.finfo(float).max
 
 
 class Model:
@@ -20,49 +23,50 @@ class Model:
 def checked(function=None, /, **special):
     """The function, its arguments checked by name: as RULES says, or as `special` where a name means another thing.
 
-    An argument whose default is None may be None. Raises TypeError at once where an argument has no rule.
+    An argument whose default is None may be None. A class: what makes its instances. `unchecked`: the function itself,
+    for loops that know their arguments to be good. Raises TypeError at once where an argument has no rule.
     """
     if function is None:
         return functools.partial(checked, **special)
-    check = checker(function, special)
+    if isinstance(function, type):
+        function.__init__ = checked(function.__init__, **special)
+        return function
+    check, signature = checker(function, special), inspect.signature(function)
 
     @functools.wraps(function)
     def call(*args, **kwargs):
-        return function(**check(*args, **kwargs))
+        given = inspect.BoundArguments(signature, check(*args, **kwargs))
+        return function(*given.args, **given.kwargs)
 
+    call.unchecked = function
     return call
 
 
 def checker(function, special):
     """A function of the same arguments that returns them as they come out of their rules, {name: value}."""
-    signature, empty = inspect.signature(function), inspect.Parameter.empty
-    rules, defaults = [], {name: parameter.default for name, parameter in signature.parameters.items()}
-    places = [name for name, p in signature.parameters.items() if p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
-    for name, default in defaults.items():
+    signature = inspect.signature(function)
+    parameters = signature.parameters.values()
+    every = {parameter.name: parameter.default for parameter in parameters}
+    required = {parameter.name for parameter in parameters if parameter.default is parameter.empty}
+    positional = [parameter.name for parameter in parameters if parameter.kind != parameter.KEYWORD_ONLY]
+    rules = []
+    for name, default in every.items():
         rule = special.get(name, RULES.get(name))
-        if rule is None and name != "self":
+        if rule is None and name not in ("self", "cls"):
             raise TypeError(f"{function.__qualname__}: no rule for the argument {name}")
         rules.append((name, rule, default is None and not hasattr(rule, "takes_none")))
 
     def check(*args, **kwargs):
-        given = defaults.copy()  # signature.bind does the same, three times as slowly
-        given.update(zip(places, args))
-        given.update(kwargs)
-        if (
-            len(args) > len(places)
-            or len(given) > len(defaults)
-            or (kwargs and not kwargs.keys().isdisjoint(places[: len(args)]))
-        ):
+        given = dict(zip(positional, args)) | kwargs  # signature.bind takes 10 us
+        if len(given) < len(args) + len(kwargs) or not required <= given.keys() <= every.keys():
             try:
                 signature.bind(*args, **kwargs)
             except TypeError as error:
-                raise TypeError(f"{function.__name__}(): {error}") from None
+                raise TypeError(f"{function.__qualname__}() {error}") from None
+        given = every | given
         for name, rule, optional in rules:
-            value = given[name]
-            if value is empty:
-                raise TypeError(f"{function.__name__}(): missing a required argument: {name!r}")
-            if rule is not None and not (optional and value is None):
-                given[name] = rule(name, value, given)
+            if rule is not None and not (optional and given[name] is None):
+                given[name] = rule(name, given[name], given)
         return given
 
     return check
@@ -96,14 +100,14 @@ def check_gamma(gamma):
 
 def check_positive(name, value, given=None):
     """value as a float; ValueError unless it is a finite number above 0."""
-    if not is_number(value) or not 0 < value < np.inf:
+    if not is_number(value) or not 0 < value <= HUGE:
         raise ValueError(f"{name}: got {show(value)}, must be a positive number")
     return float(value)
 
 
 def check_nonnegative(name, value, given=None):
     """value as a float; ValueError unless it is a finite number, 0 or more."""
-    if not is_number(value) or not 0 <= value < np.inf:
+    if not is_number(value) or not 0 <= value <= HUGE:
         raise ValueError(f"{name}: got {show(value)}, must be a number of at least 0")
     return float(value)
 
@@ -124,18 +128,25 @@ def check_rate(name, value, given=None):
 
 def check_finite(name, value, given=None):
     """value as a float; ValueError unless it is a finite number."""
-    if not is_number(value) or not -np.inf < value < np.inf:
+    if not is_number(value) or not -HUGE <= value <= HUGE:
         raise ValueError(f"{name}: got {show(value)}, must be a finite number")
     return float(value)
 
 
-def check_count(name, value, least=1):
-    """value as an int; ValueError unless it is a whole number from `least` to LARGEST."""
+def check_count(name, value, least=1, most=LARGEST):
+    """value as an int; ValueError unless it is a whole number from `least` to `most`."""
     if not is_number(value) or not least <= value < np.inf or int(value) != value:
         raise ValueError(f"{name}: got {show(value)}, must be a whole number of at least {least}")
-    if value > LARGEST:
-        raise ValueError(f"{name}: got {show(value)}, must be a whole number of at most {LARGEST:,}")
+    if value > most:
+        raise ValueError(f"{name}: got {show(value)}, must be a whole number of at most {most:,}")
     return int(value)
+
+
+def check_entries(name, *sizes):
+    """ValueError where an array of these sizes would exhaust the memory."""
+    if math.prod(sizes) > ENTRIES:
+        made = " x ".join(map(str, sizes))
+        raise ValueError(f"{name}: needs an array of {made} numbers, must be at most {ENTRIES:,} in all")
 
 
 def check_index(name, value, size):
@@ -160,8 +171,8 @@ def check_rng(rng):
 
 
 def check_function(name, f, of):
-    """f; ValueError unless it can be called. of: what it is called with, for the message."""
-    if not callable(f):
+    """f; ValueError unless it can be called; a class is not. of: what it is called with, for the message."""
+    if not callable(f) or isinstance(f, type):
         raise ValueError(f"{name}: got {show(f)}, must be a function of {of}")
     return f
 
@@ -181,11 +192,11 @@ def as_floats(name, values):
     return array.astype(float, copy=False)
 
 
-def as_integers(name, values):
+def as_integers(name, values, what="integers"):
     """values as an array of integers; ValueError where they are not."""
-    array = _array(name, values, "integers")
+    array = _array(name, values, what)
     if array.size and array.dtype.kind not in "iu":
-        raise ValueError(f"{name}: got dtype {array.dtype}, must be integers")
+        raise ValueError(f"{name}: got dtype {array.dtype}, must be {what}")
     return array.astype(np.int64, copy=False)
 
 
@@ -258,22 +269,22 @@ def spaces(world):
     return np.ones(sizes, bool), np.zeros(sizes[0], bool)
 
 
-def check_policy(mdp, pi):
+def check_policy(mdp, pi, name="pi"):
     """pi as a float array; ValueError unless it is (S, A) with rows that are distributions over A(s)."""
-    return check_pi(check_mdp(mdp).legal, pi)
+    return check_pi(check_mdp(mdp).legal, pi, name)
 
 
-def check_pi(legal, pi):
+def check_pi(legal, pi, name="pi"):
     """As check_policy, where all that is known is which actions are legal, (S, A) bool."""
-    pi = as_floats("pi", pi)
+    pi = as_floats(name, pi)
     if pi.shape != legal.shape:
-        raise ValueError(f"pi: got shape {pi.shape}, must be {legal.shape}")
+        raise ValueError(f"{name}: got shape {pi.shape}, must be {legal.shape}")
     bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= 1e-9))
     if bad.any():
         s = np.flatnonzero(bad)[0]
-        raise ValueError(f"pi: row {s} is {pi[s]}, must be probabilities that sum to 1")
+        raise ValueError(f"{name}: row {s} is {pi[s]}, must be probabilities that sum to 1")
     if (pi[~legal] > 0).any():
-        raise ValueError(f"pi: probability on an action that is not legal at {where((pi > 0) & ~legal)}, must be 0")
+        raise ValueError(f"{name}: probability on an action that is not legal at {where((pi > 0) & ~legal)}, must be 0")
     return pi
 
 
@@ -320,9 +331,20 @@ def _table(name, values, shape, otherwise, where):
 # ---------------------------------------------------------------------- rules
 
 
-def count(least=1):
-    """The rule of a whole number of at least `least`."""
-    return lambda name, value, given: check_count(name, value, least)
+def count(least=1, most=LARGEST):
+    """The rule of a whole number from `least` to `most`."""
+    return lambda name, value, given: check_count(name, value, least, most)
+
+
+def sized(*others):
+    """The rule of a count that multiplies the entries of an array; others: numbers, and names of earlier arguments."""
+
+    def rule(name, value, given):
+        value = check_count(name, value)
+        check_entries(name, *(given.get(other, other) for other in others), value)
+        return value
+
+    return rule
 
 
 def index(size):
@@ -346,14 +368,53 @@ def function_of(what):
     return lambda name, value, given: check_function(name, value, what)
 
 
-def array(*shape, kind=finite):
-    """The rule of an array: letters of `shape` that repeat in a call are equal; numbers unless `kind` differs."""
+def array(*shape, kind=finite, empty=False):
+    """The rule of an array of as many dimensions as `shape` has letters; of numbers unless `kind` differs."""
 
     def rule(name, values, given):
         values = kind(name, values)
-        if values.ndim != len(shape) or 0 in values.shape:
-            raise ValueError(f"{name}: got shape {values.shape}, must be ({', '.join(shape)}{',' * (len(shape) == 1)})")
+        if values.ndim != len(shape) or (0 in values.shape and not empty):
+            must = f"({', '.join(shape)}{',' * (len(shape) == 1)}){' and not empty' * (0 in values.shape)}"
+            raise ValueError(f"{name}: got shape {values.shape}, must be {must}")
         return values
+
+    return rule
+
+
+def like(other, kind=finite):
+    """The rule of an array of the shape of the argument `other`."""
+
+    def rule(name, values, given):
+        values, shape = kind(name, values), np.shape(given[other])
+        if values.shape != shape:
+            raise ValueError(f"{name}: got shape {values.shape}, must be that of {other}, {shape}")
+        return values
+
+    return rule
+
+
+def instance(kind, what=None):
+    """The rule of an instance of a class, which `what` says more about."""
+
+    def rule(name, value, given):
+        if not isinstance(value, kind):
+            raise ValueError(f"{name}: got {type(value).__name__}, must be {what or 'a ' + kind.__name__}")
+        return value
+
+    return rule
+
+
+def elementwise(*others, kind=finite):
+    """The rule of a number, or of an array that fits to the arguments `others`, number by number."""
+
+    def rule(name, values, given):
+        array, shapes = kind(name, values), [np.shape(given[other]) for other in others]
+        try:
+            if 0 in np.broadcast_shapes(array.shape, *shapes):
+                raise ValueError
+        except ValueError:
+            raise ValueError(f"{name}: got shape {array.shape}, must not be empty, and fit to {list(others)}") from None
+        return array if array.ndim else values
 
     return rule
 
@@ -361,6 +422,24 @@ def array(*shape, kind=finite):
 def rule_of(check):
     """The rule of a check(name, value)."""
     return lambda name, value, given: check(name, value)
+
+
+def check_dtype(name, dtype, given=None):
+    """dtype as a numpy.dtype; ValueError unless float32 or float64."""
+    try:
+        found = None if dtype is None else np.dtype(dtype)
+    except (TypeError, ValueError):
+        found = None
+    if found not in (np.float32, np.float64):
+        raise ValueError(f"{name}: got {show(dtype)}, must be numpy.float32 or numpy.float64")
+    return found
+
+
+def check_optimizer(name, optimizer, given=None):
+    """optimizer; ValueError unless it has what a network's step calls."""
+    if not callable(getattr(optimizer, "update", None)) or isinstance(optimizer, type):
+        raise ValueError(f"{name}: got {show(optimizer)}, must be an SGD or Adam")
+    return optimizer
 
 
 def anything(name, value, given):
@@ -411,9 +490,16 @@ RULES = {
     "rng": lambda name, rng, given: check_rng(rng),
     "s": index(lambda given: given["mdp"].n_states),
     "a": index(lambda given: given["mdp"].n_actions),
-    **rules(check_probability, "gamma lam gamma_lam"),
+    "rewards": array("T", empty=True),
+    "alpha": check_rate,
+    **rules(check_probability, "gamma lam gamma_lam epsilon slip stop jerk"),
     **rules(check_positive, "tol lr"),
-    **rules(count(), "n n_states n_actions n_steps n_episodes n_iter n_runs max_iter max_steps T depth"),
+    **rules(check_finite, "unseen unvisited reward"),
+    **rules(count(), "n n_states n_actions n_steps n_episodes n_iter n_runs max_iter max_steps T depth n_rows n_cols"),
+    **rules(count(), "n_sweeps max_sweeps n_updates horizon n_candidates hold"),
     **rules(count(0), "record"),
-    **rules(check_flag, "in_place online first_visit discount_states every_step"),
+    "dtype": check_dtype,
+    "optimizer": check_optimizer,
+    "on_episode": function_of("(return, steps so far)"),
+    **rules(check_flag, "in_place online first_visit discount_states every_step printed each again"),
 }

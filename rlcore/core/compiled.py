@@ -29,11 +29,9 @@ class _Lazy:
 
 def _link():
     """Give every waiting function its dispatcher, under the names by which compiled functions call each other."""
-    from numba import extending
-
     _announce()
     while _inlined:
-        extending.register_jitable(_inlined.pop())
+        _inline(_inlined.pop())
     for lazy in _lazy:
         if lazy.dispatcher is None:
             lazy.dispatcher = _dispatcher(lazy.__wrapped__)
@@ -42,6 +40,13 @@ def _link():
         for name, value in names.items():
             if isinstance(value, _Lazy):
                 names[name] = value.dispatcher
+
+
+def _inline(function):
+    from numba import extending
+
+    body = getattr(function, "unchecked", function)
+    extending.overload(function, strict=False)(lambda *args, **kwargs: body)
 
 
 @functools.cache
@@ -98,7 +103,7 @@ def compiled(function):
 
 
 def inlined(function):
-    """A plain function outside, part of the machine code inside compiled functions that call it."""
+    """A plain function outside, part of the machine code inside compiled functions that call it, unchecked there."""
     if HAVE_NUMBA:
         _inlined.append(function)
     return function

@@ -1,20 +1,67 @@
-"""The arrays of a FiniteMDP: made from outcomes, matrices or a table of gymnasium, compared, and checked."""
+"""The arrays of a FiniteMDP: made from outcomes, matrices or a table of gymnasium, owned, compared, and checked."""
+
+from collections.abc import Hashable
 
 import numpy as np
 
-from rlcore.core.checks import as_flags, as_floats, check_count, check_index, is_number
+from rlcore.core.checks import (
+    anything,
+    array,
+    as_flags,
+    as_floats,
+    check_entries,
+    check_index,
+    checked,
+    is_number,
+    rule_of,
+    show,
+)
+
+INT32 = np.iinfo(np.int32)
 
 
-def from_outcomes(outcomes, n_states, n_actions, start):
-    """next_state, prob, reward, legal, terminal and start of {(s, a): [(probability, s_next, reward), ...]}."""
+def freeze(*arrays):
+    """The arrays, read-only from now on."""
+    for x in arrays:
+        x.flags.writeable = False
+    return arrays
+
+
+def own(given, values, dtype=None):
+    """values, made from `given`, as a read-only array that nobody else can write to.
+
+    Raises ValueError where next_state has a number that its dtype cannot hold.
+    """
+    if dtype is not None and values.size and not INT32.min <= values.min() <= values.max() <= INT32.max:
+        raise ValueError(f"next_state: got {values.min()}..{values.max()}, must be states of the process")
+    values = np.ascontiguousarray(values, dtype)
+    made = values.base is None and values is not given and isinstance(given, (list, tuple, np.ndarray))
+    return freeze(values if made or _is_frozen(values) else values.copy())[0]
+
+
+def _is_frozen(x):
+    while isinstance(x, np.ndarray) and not x.flags.writeable:
+        x = x.base
+    return x is None
+
+
+def _table(name, outcomes, given):
     if not isinstance(outcomes, dict) or not outcomes:
-        raise ValueError(f"outcomes: got {outcomes!r}, must be a table with at least one (s, a)")
-    merged = {_pair(key): _merge(key, rows) for key, rows in outcomes.items()}
-    S = 1 + max(max(s for s, _ in merged), max(s for row in merged.values() for s, _ in row))
-    A = 1 + max(a for _, a in merged)
-    S = S if n_states is None else check_count("n_states", n_states)
-    A = A if n_actions is None else check_count("n_actions", n_actions)
+        raise ValueError(f"{name}: got {show(outcomes)}, must be a table with at least one (s, a)")
+    return {_pair(key): _merge(key, rows) for key, rows in outcomes.items()}
+
+
+@checked(outcomes=_table, start=anything)
+def from_outcomes(outcomes, n_states=None, n_actions=None, start=None):
+    """next_state, prob, reward, legal, terminal and start of {(s, a): [(probability, s_next, reward), ...]}."""
+    merged, largest = outcomes, max(s for row in outcomes.values() for s, _ in row)
+    S = 1 + max(largest, max(s for s, _ in merged)) if n_states is None else n_states
+    A = 1 + max(a for _, a in merged) if n_actions is None else n_actions
     K = max(len(row) for row in merged.values())
+    check_entries("n_actions" if n_actions else "n_states" if n_states else "outcomes", S, A, K)
+    if largest >= S:
+        (s, a), k = next((pair, k) for pair, row in merged.items() for k, (s, _) in enumerate(row) if s >= S)
+        raise ValueError(f"next_state: got {largest} at (s={s}, a={a}, k={k}), must be in 0..{S - 1}")
     next_state = np.repeat(np.arange(S), A * K).reshape(S, A, K)
     prob, reward, legal = np.zeros((S, A, K)), np.zeros((S, A, K)), np.zeros((S, A), bool)
     for (s, a), row in merged.items():
@@ -25,21 +72,30 @@ def from_outcomes(outcomes, n_states, n_actions, start):
             next_state[s, a, k], prob[s, a, k], reward[s, a, k] = s_next, p, r
     terminal = ~legal.any(axis=1)
     legal[terminal], prob[terminal, :, 0] = True, 1.0
-    return next_state, prob, reward, legal, terminal, _start(start, terminal)
+    return *freeze(next_state, prob, reward, legal, terminal), _start(start, terminal)
 
 
-def from_arrays(P, R, terminal, start):
-    """The same of p(s'|s, a) (S, A, S) and r(s, a) or r(s, a, s')."""
-    P, R = as_floats("P", P), as_floats("R", R)
-    if P.ndim != 3 or P.shape[0] != P.shape[2] or 0 in P.shape:
-        raise ValueError(f"P: got shape {P.shape}, must be (S, A, S)")
-    if R.shape not in (P.shape, P.shape[:2]):
-        raise ValueError(f"R: got shape {R.shape}, must be {P.shape[:2]} or {P.shape}")
+def _square(name, P, given):
+    P = array("S", "A", "S", kind=as_floats)(name, P, given)
+    if P.shape[0] != P.shape[2]:
+        raise ValueError(f"{name}: got shape {P.shape}, must be (S, A, S)")
     if not (np.isfinite(P).all() and (P >= 0).all()):
-        bad = P[~(np.isfinite(P) & (P >= 0))][0]
-        raise ValueError(f"P: contains {bad:g}, must be probabilities")
+        raise ValueError(f"{name}: contains {P[~(np.isfinite(P) & (P >= 0))][0]:g}, must be probabilities")
+    return P
+
+
+def _rewards(name, R, given):
+    R, shape = as_floats(name, R), given["P"].shape
+    if R.shape not in (shape, shape[:2]):
+        raise ValueError(f"{name}: got shape {R.shape}, must be {shape[:2]} or {shape}")
+    return R
+
+
+@checked(P=_square, R=_rewards, terminal=rule_of(as_flags), start=anything)
+def from_arrays(P, R, terminal=None, start=None):
+    """The same of p(s'|s, a) (S, A, S) and r(s, a) or r(s, a, s')."""
     R = np.broadcast_to(R if R.ndim == 3 else R[:, :, None], P.shape)
-    terminal = np.zeros(len(P), bool) if terminal is None else as_flags("terminal", terminal)
+    terminal = np.zeros(len(P), bool) if terminal is None else terminal
     if terminal.shape != (len(P),):
         raise ValueError(f"terminal: got shape {terminal.shape}, must be ({len(P)},)")
     bad = terminal[:, None, None] & (
@@ -55,7 +111,7 @@ def from_arrays(P, R, terminal, start):
     legal = (prob > 0).any(axis=2) | terminal[:, None]
     reward = np.where(prob > 0, np.take_along_axis(R, order, axis=2), 0.0)
     prob[terminal], prob[terminal, :, 0], order[terminal] = 0.0, 1.0, np.flatnonzero(terminal)[:, None, None]
-    return order, prob, reward, legal, terminal, _start(start, terminal)
+    return order, *freeze(prob, reward, legal), terminal, _start(start, terminal)
 
 
 def from_env(env):
@@ -63,7 +119,9 @@ def from_env(env):
     env = getattr(env, "unwrapped", env)
     table = getattr(env, "P", None)
     if table is None:
-        raise ValueError(f"env: {type(env).__name__} has no transition table P; from_env reads toy-text tables only")
+        raise ValueError(
+            f"env: {type(env).__name__} has no transition table P; from_env reads toy-text tables, must have one"
+        )
     S, A = int(env.observation_space.n), int(env.action_space.n)
     terminal = {s2 for row in table.values() for out in row.values() for p, s2, _, done in out if done and p > 0}
     outcomes = {
@@ -87,9 +145,13 @@ def check_ends(mdp, table):
 
 
 def names(name, values):
-    if isinstance(values, str) or not hasattr(values, "__iter__"):
-        raise ValueError(f"{name}: got {values!r}, must be a sequence of names")
-    return tuple(values)
+    """values as a tuple; ValueError unless it is a sequence of what can be told apart."""
+    if isinstance(values, (str, bytes)) or not hasattr(values, "__iter__"):
+        raise ValueError(f"{name}: got {show(values)}, must be a sequence of names")
+    values = tuple(values)
+    if not all(isinstance(x, Hashable) and x == x for x in values):
+        raise ValueError(f"{name}: got {show(values)}, must be a sequence of names")
+    return values
 
 
 def check_shapes(mdp):
@@ -137,9 +199,9 @@ def _start(start, terminal):
         if terminal.all():
             raise ValueError("terminal: every state is terminal, needs at least one that is not")
         return ~terminal / np.sum(~terminal)
-    if np.ndim(start) == 0:
-        return 1.0 * (np.arange(terminal.size) == check_index("start", start, terminal.size))
-    return start
+    if isinstance(start, (list, tuple, np.ndarray)) and np.ndim(start := as_floats("start", start)):
+        return start
+    return 1.0 * (np.arange(terminal.size) == check_index("start", start, terminal.size))
 
 
 def canonical(mdp):

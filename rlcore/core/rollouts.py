@@ -4,11 +4,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_function, check_gamma, check_positive, check_probability
+from rlcore.core.checks import anything, check_count, check_flag, checked, count, instance, rules, show, takes_none
 from rlcore.core.extras import extra
 from rlcore.core.results import Run
 
 
+def _hidden(name, hidden, given):
+    if not isinstance(hidden, (tuple, list)) or not hidden:
+        raise ValueError(f"{name}: got {show(hidden)}, must be numbers of neurons, such as (64, 64)")
+    return tuple(check_count(name, n) for n in hidden)
+
+
+SETTINGS = {
+    **rules(count(), "horizon n_envs epochs minibatch"),
+    **rules(check_flag, "normalise_advantages normalise_observations clip_actions"),
+    "hidden": _hidden,
+}
+
+
+@checked(**SETTINGS)
 @dataclass(frozen=True)
 class Settings:
     """What PPO and TRPO have in common.
@@ -30,19 +44,11 @@ class Settings:
     normalise_observations: bool = False
     clip_actions: bool = True
 
-    def __post_init__(self):
-        check_gamma(self.gamma), check_probability("lam", self.lam), check_positive("lr", self.lr)
-        for name in ("horizon", "n_envs", "epochs", "minibatch"):
-            check_count(name, getattr(self, name))
-        if not isinstance(self.hidden, (tuple, list)) or not self.hidden:
-            raise ValueError(f"hidden: got {self.hidden!r}, must be numbers of neurons, such as (64, 64)")
-        object.__setattr__(self, "hidden", tuple(check_count("hidden", n) for n in self.hidden))
-        self._check_flags("normalise_advantages", "normalise_observations", "clip_actions")
 
-    def _check_flags(self, *names):
-        for name in names:
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"{name}: got {getattr(self, name)!r}, must be True or False")
+def config_of(kind):
+    """The rule of a config: the defaults of its kind where None."""
+    rule = instance(kind)
+    return takes_none(lambda name, config, given: kind() if config is None else rule(name, config, given))
 
 
 # ---------------------------------------------------------------------- environments
@@ -70,6 +76,7 @@ class OneEnv:
         return s, r, terminated, truncated, info
 
 
+@checked(world=anything, n_envs=count())
 def vector_env(world, n_envs=1):
     """world, an id or an environment, as n_envs environments that take their steps together.
 
@@ -79,16 +86,17 @@ def vector_env(world, n_envs=1):
     with extra("gym"):
         import gymnasium as gym
 
-    n_envs = check_count("n_envs", n_envs)
     try:
         if isinstance(world, str):
             one = n_envs == 1
             world = gym.make(world, disable_env_checker=True) if one else gym.make_vec(world, num_envs=n_envs)
     except gym.error.Error as error:
-        raise ValueError(f"world: got {world!r}, must be an environment or its id ({error})") from None
+        raise ValueError(f"world: got {show(world)}, must be an environment or its id ({error})") from None
     if isinstance(world, gym.Env):
         if n_envs != 1:
-            raise ValueError(f"n_envs: got {n_envs} with one environment, give its id or a vector environment instead")
+            raise ValueError(
+                f"n_envs: got {n_envs} with one environment, must be 1; give its id or a vector environment"
+            )
         world = OneEnv(world)
     elif not isinstance(world, gym.vector.VectorEnv):
         raise ValueError(f"world: got {type(world).__name__}, must be a gymnasium environment or its id")
@@ -169,8 +177,6 @@ class Episodes:
     """Returns and lengths of the episodes that ended so far, in order of time; steps counts all transitions."""
 
     def __init__(self, N, on_episode):
-        if on_episode is not None:
-            check_function("on_episode", on_episode, "(return, steps so far)")
         self.returns, self.lengths, self.steps, self.on_episode = [], [], 0, on_episode
         self._G, self._n = np.zeros(N), np.zeros(N, int)
 

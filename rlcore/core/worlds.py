@@ -6,7 +6,7 @@ import numpy as np
 
 from rlcore.core.chains import ends
 from rlcore.core.checks import Model, check_count, show, spaces, takes_none
-from rlcore.core.compiled import compiled
+from rlcore.core.compiled import HAVE_NUMBA, compiled
 from rlcore.core.extras import extra
 from rlcore.core.sampling import draw, step
 
@@ -71,18 +71,20 @@ def run_loop(loop, world, *args, rng):
     The environment draws from `rng`, too, so that MDPEnv(mdp) gives what mdp gives, bit by bit.
     """
     if isinstance(world, Model):
-        return loop(world.sampler(), *args, rng)
+        return (loop if HAVE_NUMBA else _interpreted(loop))(world.sampler(), *args, rng)
     world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
     world.unwrapped.np_random = rng
-    return _on_environments(loop)(world, *args, rng)
+    return _interpreted(loop, reset=_reset_env, act=_act_env)(world, *args, rng)
 
 
-def _on_environments(loop):
-    """The Python body of a compiled function, and of those that it calls, with an environment's reset and step."""
+def _interpreted(loop, **changes):
+    """The Python body of a compiled function, and of those that act for it, with other globals, formulas unchecked."""
     body = getattr(loop, "__wrapped__", None) or getattr(loop, "py_func", loop)
-    names = dict(body.__globals__, reset=_reset_env, act=_act_env)
-    for name in set(body.__code__.co_names) & RECORDERS:
-        names[name] = _on_environments(names[name])
+    names = body.__globals__ | changes
+    for name in names.keys() & set(body.__code__.co_names):
+        names[name] = getattr(names[name], "unchecked", names[name])
+        if name in RECORDERS:
+            names[name] = _interpreted(names[name], **changes)
     return types.FunctionType(body.__code__, names, body.__name__, body.__defaults__)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_function
+from rlcore.core.checks import as_flags, checked, finite, function_of
 
 __all__ = ["balance", "cartpole_start", "cartpole_step", "cartpole_transitions", "cartpole_upright", "steps_upright"]
 
@@ -10,14 +10,29 @@ GRAVITY, CART, POLE, HALF_LENGTH, FORCE, TAU = 9.8, 1.0, 0.1, 0.5, 10.0, 0.02
 MAX_X, MAX_ANGLE = 2.4, 12 * 2 * np.pi / 360
 
 
+def _poles(name, x, given):
+    x = finite(name, x)
+    if x.ndim == 0 or x.shape[-1] != 4:
+        raise ValueError(f"{name}: got shape {x.shape}, must be (..., 4)")
+    return x
+
+
+def _pushes(name, a, given):
+    a, poles = as_flags(name, a), given["x"].shape[:-1]
+    if a.shape not in ((), poles):
+        raise ValueError(f"{name}: got shape {a.shape}, must be one push, or {poles}")
+    return a
+
+
+@checked(x=_poles, a=_pushes)
 def cartpole_step(x, a):
     """States (n, 4) one step of 0.02 s after pushing left (0) or right (1); a: (n,). ex-pole-episodic
 
     A state is (position, velocity, angle, angular velocity). Constants and Euler steps are those of gymnasium's
     CartPole-v1. Source: Barto, Sutton and Anderson (1983).
     """
-    position, velocity, angle, spin = np.moveaxis(np.asarray(x, float), -1, 0)
-    force = np.where(np.asarray(a) == 1, FORCE, -FORCE)
+    position, velocity, angle, spin = np.moveaxis(x, -1, 0)
+    force = np.where(a, FORCE, -FORCE)
     push = (force + POLE * HALF_LENGTH * spin**2 * np.sin(angle)) / (CART + POLE)
     inertia = HALF_LENGTH * (4 / 3 - POLE * np.cos(angle) ** 2 / (CART + POLE))
     turn = (GRAVITY * np.sin(angle) - np.cos(angle) * push) / inertia
@@ -26,20 +41,21 @@ def cartpole_step(x, a):
     return np.stack([old + TAU * new for old, new in zip((position, velocity, angle, spin), change)], axis=-1)
 
 
+@checked(x=_poles)
 def cartpole_upright(x):
     """Whether a state (..., 4) is neither off the track nor past 12 degrees."""
-    x = np.asarray(x)
     return (np.abs(x[..., 0]) <= MAX_X) & (np.abs(x[..., 2]) <= MAX_ANGLE)
 
 
+@checked
 def cartpole_start(*, rng):
     """A first state (4,), each part uniform between -0.05 and 0.05."""
     return rng.uniform(-0.05, 0.05, size=4)
 
 
+@checked
 def cartpole_transitions(n, *, rng):
     """n transitions under random pushes, from a new start after each fall: x (n, 4), a (n,), x_next (n, 4). fig-7"""
-    n = check_count("n", n)
     x, a, x_next = np.zeros((n, 4)), (rng.random(n) < 0.5).astype(int), np.zeros((n, 4))
     state = cartpole_start(rng=rng)
     for t in range(n):
@@ -50,25 +66,29 @@ def cartpole_transitions(n, *, rng):
     return x, a, x_next
 
 
+@checked(choose=function_of("the state (4,)"))
 def balance(choose, n_steps=200, *, rng):
     """Steps (at most n_steps) before the pole falls when choose(x) picks the pushes. alg-mpc, ex-model-based"""
-    x, t, n_steps = cartpole_start(rng=rng), 0, check_count("n_steps", n_steps)
-    check_function("choose", choose, "the state (4,)")
+    x, t = cartpole_start(rng=rng), 0
     while t < n_steps and cartpole_upright(x):
         x = cartpole_step(x, choose(x))
         t += 1
     return t
 
 
+def _many_poles(name, x, given):
+    x = _poles(name, x, given)
+    if x.ndim != 2:
+        raise ValueError(f"{name}: got shape {x.shape}, must be (n, 4)")
+    return x
+
+
+@checked(choose=function_of("the states (m, 4)"), x=_many_poles)
 def steps_upright(choose, x, n_steps):
     """Steps (n,), at most n_steps, before the pole falls from each first state x (n, 4). cl-114
 
     choose(x) picks the pushes (m,) of the m states (m, 4) that are still upright.
     """
-    n_steps, x = check_count("n_steps", n_steps), np.asarray(x, float)
-    check_function("choose", choose, "the states (m, 4)")
-    if x.ndim != 2 or x.shape[1] != 4:
-        raise ValueError(f"x: got shape {x.shape}, must be (n, 4)")
     steps, left = np.zeros(len(x), int), np.flatnonzero(cartpole_upright(x))
     x = x[left]
     for _ in range(n_steps):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rlcore.core.checks import checked, show
 from rlcore.mdp import FiniteMDP
 
 __all__ = ["CATCH_ROWS", "CATCH_COLS", "catch", "catch_pixels"]
@@ -11,6 +12,13 @@ MOVES = {2: (-1, 1), 3: (-1, 0, 1)}
 NAMES = {2: ("left", "right"), 3: ("left", "stay", "right")}
 
 
+def _two_or_three(name, n_actions, given):
+    if not isinstance(n_actions, (int, np.integer)) or n_actions not in MOVES:
+        raise ValueError(f"{name}: got {show(n_actions)}, must be 2 (left, right) or 3 (left, stay, right)")
+    return int(n_actions)
+
+
+@checked(n_actions=_two_or_three)
 def catch(n_actions=3):
     """The game as a FiniteMDP of 250 states (row of the ball, its column, column of the paddle). ex-outcome, ex-up-down
 
@@ -18,8 +26,6 @@ def catch(n_actions=3):
     row down and the paddle a column, walls permitting. +1 for a catch, -1 for a miss, 0 before. n_actions: 3 for left,
     stay and right, 2 without stay. Source: Mnih et al. (2014); Osband et al. (2020), bsuite.
     """
-    if not isinstance(n_actions, (int, np.integer)) or n_actions not in MOVES:
-        raise ValueError(f"n_actions: got {n_actions!r}, must be 2 (left, right) or 3 (left, stay, right)")
     outcomes = {}
     for row, ball, paddle in np.ndindex(CATCH_ROWS - 1, CATCH_COLS, CATCH_COLS):
         for a, move in enumerate(MOVES[n_actions]):

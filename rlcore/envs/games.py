@@ -1,16 +1,26 @@
-"""Tic-tac-toe and its larger relatives, solved exactly, and the arithmetic of games that cannot be."""
+"""Tic-tac-toe and its larger relatives, solved exactly."""
 
-from rlcore.core.checks import check_count
+from rlcore.core.checks import check_count, checked, choice, count
 from rlcore.mdp import FiniteMDP
 
+MOST_CELLS = 12  # of a board whose positions are listed: 3 x 4 has 111,973
 
+
+def _few_cells(name, cols, given):
+    cols = check_count(name, cols)
+    if given["rows"] * cols > MOST_CELLS:
+        raise ValueError(f"{name}: got {cols} and {given['rows']} rows, must make at most {MOST_CELLS} cells")
+    return cols
+
+
+@checked(rows=count(), cols=_few_cells, in_row=count())
 def game_values(rows=3, cols=3, in_row=3):
     """Value for the first player of every position that play can reach: {(x, o): 1, 0 or -1}. ex-chess, cl-023
 
     A position is a pair of integers whose bits are the cells of either player; x moves first and takes the maximum,
     o the minimum: equation (16) with two players, solved in one pass from the last move to the first.
     """
-    lines, n = _lines(rows, cols, in_row), check_count("rows", rows) * check_count("cols", cols)
+    lines, n = _lines(rows, cols, in_row), rows * cols
     levels = [{(0, 0)}]
     while levels[-1]:
         x_to_move = len(levels) % 2 == 1
@@ -25,14 +35,13 @@ def game_values(rows=3, cols=3, in_row=3):
     return values
 
 
+@checked(opponent=choice("random", "perfect"))
 def tic_tac_toe(opponent="random"):
     """Tic-tac-toe for the first player as a FiniteMDP: +1 for a win, -1 for a loss, action = cell. ex-chess
 
     A state is a position in which x is to move; the opponent's answer belongs to the environment. opponent: "random"
     (any free cell with equal chance) or "perfect" (any best answer with equal chance).
     """
-    if opponent not in ("random", "perfect"):
-        raise ValueError(f'opponent: got {opponent!r}, must be "random" or "perfect"')
     values, lines = game_values(), _lines(3, 3, 3)
     number = {xo: i for i, xo in enumerate(sorted(p for p in values if _bits(p) % 2 == 0 and _open(p, lines)))}
     end, outcomes = len(number), {}

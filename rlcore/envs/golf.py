@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_count
+from rlcore.core.checks import check_count, check_entries, check_flag, checked, count, show, sized
 from rlcore.mdp import FiniteMDP
 
 SAND = tuple(
@@ -10,13 +10,13 @@ SAND = tuple(
 )
 
 
+@checked(length=count(), putter=sized("length", 100), driver=count())
 def golf_line(length=12, *, putter=2, driver=5):
     """Golf in one dimension: states are distances 0 (the hole) to `length`, reward -1 a stroke. ex-golf-putter, fig-5
 
     putter: the ball moves 1 to `putter` towards the hole, as chosen. driver: it moves exactly `driver`, past the hole
     if need be; a drive never holes, a ball that would is left at distance 1. Start at the far end.
     """
-    length, putter, driver = (check_count(n, v) for n, v in dict(length=length, putter=putter, driver=driver).items())
     outcomes = {}
     for d in range(1, length + 1):
         for step in range(1, min(putter, d) + 1):
@@ -27,6 +27,49 @@ def golf_line(length=12, *, putter=2, driver=5):
     return FiniteMDP.from_outcomes(outcomes, n_actions=putter + 1, start=length, action_names=names)
 
 
+def _pair(least):
+    """The rule of two whole numbers of at least `least`."""
+
+    def rule(name, pair, given):
+        if not isinstance(pair, (tuple, list, np.ndarray)) or len(pair) != 2:
+            raise ValueError(f"{name}: got {show(pair)}, must be two whole numbers")
+        return tuple(check_count(name, x, least) for x in pair)
+
+    return rule
+
+
+def _cell(name, cell, given):
+    (r, c), (rows, cols) = _pair(0)(name, cell, given), given["shape"]
+    if r >= rows or c >= cols:
+        raise ValueError(f"{name}: got {(r, c)}, must be a cell of the {rows} x {cols} course")
+    return r, c
+
+
+def _inner_cell(name, cell, given):
+    r, c = _cell(name, cell, given)
+    if r in (0, given["shape"][0] - 1) or c in (0, given["shape"][1] - 1):
+        raise ValueError(f"{name}: got {(r, c)}, must not lie on the edge of the course")
+    return r, c
+
+
+def _cells(name, cells, given):
+    if not hasattr(cells, "__iter__"):
+        raise ValueError(f"{name}: got {show(cells)}, must be cells (row, column)")
+    cells = [_cell(name, cell, given) for cell in cells]
+    if given["hole"] == given["tee"] or given["hole"] in cells:
+        raise ValueError(f"hole: got {given['hole']}, must be neither the tee nor in the {name}")
+    return cells
+
+
+def _range(name, driver, given):
+    nearest, farthest = _pair(1)(name, driver, given)
+    if farthest < nearest:
+        raise ValueError(f"{name}: got {driver}, must be (nearest, farthest) in this order")
+    return nearest, farthest
+
+
+@checked(shape=_pair(1), hole=_inner_cell, tee=_cell, sand=_cells, putter=count(), driver=_range, scatter=count(0),
+         with_driver=check_flag)  # fmt: skip
 def golf_course(
     *, shape=(11, 31), hole=(5, 26), tee=(5, 4), sand=SAND, putter=4, driver=(3, 11), scatter=1, with_driver=True
 ):
@@ -38,42 +81,28 @@ def golf_course(
     hole rolls one cell on. Actions are named "putter +0 -2": rows down, columns to the right.
     Source: built after the contours of Sutton and Barto (2018), figure 3.3; the geometry is this book's own.
     """
-    cell = _check_course(shape, hole=[hole], tee=[tee], sand=sand)
-    S, driver = shape[0] * shape[1], (driver[0], driver[1])
-    if not 1 <= hole[0] < shape[0] - 1 or not 1 <= hole[1] < shape[1] - 1:
-        raise ValueError(f"hole: got {hole}, must not lie on the edge of the course")
-    if driver[1] < driver[0]:
-        raise ValueError(f"driver: got {driver}, must be (nearest, farthest) in this order")
-    putts = _offsets(shape, 1, check_count("putter", putter))
-    drives = _offsets(shape, check_count("driver", driver[0]), check_count("driver", driver[1])) if with_driver else []
-    spread = check_count("scatter", scatter, 0) if with_driver else 0
+    S, hole, tee, *sand = shape[0] * shape[1], *(r * shape[1] + c for r, c in (hole, tee, *sand))
+    putts, drives = _offsets("putter", shape, 1, putter), _offsets("driver", shape, *driver) if with_driver else []
+    spread = scatter if with_driver else 0
+    check_entries("scatter", S, len(putts) + len(drives), 2 * spread + 1, 2 * spread + 1)
     next_state, prob, legal = _strokes(shape, list(putts) + list(drives), spread)
     next_state[:, : len(putts)] = next_state[:, : len(putts), next_state.shape[2] // 2, None]  # exactly where aimed
     prob[:, : len(putts)] = legal[:, : len(putts), None] * np.eye(prob.shape[2])[0]
-    next_state[cell["sand"], : len(putts)] = np.array(cell["sand"])[:, None, None]
-    away = np.sign(np.array(hole) - np.stack(np.unravel_index(np.arange(S), shape), 1)) @ [shape[1], 1]
+    next_state[sand, : len(putts)] = np.array(sand, int)[:, None, None]
+    row, col = np.divmod(np.arange(S), shape[1])
+    away = np.sign(hole // shape[1] - row) * shape[1] + np.sign(hole % shape[1] - col)
     drive = next_state[:, len(putts) :]
-    drive[:] = np.where(drive == cell["hole"][0], cell["hole"][0] + away[:, None, None], drive)
-    end = np.arange(S) == cell["hole"][0]
-    next_state[end], prob[end], legal[end] = cell["hole"][0], np.eye(prob.shape[2])[0], True
+    drive[:] = np.where(drive == hole, hole + away[:, None, None], drive)
+    end = np.arange(S) == hole
+    next_state[end], prob[end], legal[end] = hole, np.eye(prob.shape[2])[0], True
     reward = np.where((prob > 0) & ~end[:, None, None], -1.0, 0.0)
     names = [f"putter {dr:+d} {dc:+d}" for dr, dc in putts] + [f"driver {dr:+d} {dc:+d}" for dr, dc in drives]
-    return FiniteMDP(next_state, prob, reward, legal, end, np.eye(S)[cell["tee"][0]], action_names=names)
+    return FiniteMDP(next_state, prob, reward, legal, end, 1.0 * (np.arange(S) == tee), action_names=names)
 
 
-def _check_course(shape, **places):
-    """Cell numbers of each list of places; ValueError for one that is outside."""
-    for name, cells in places.items():
-        for r, c in cells:
-            if not (0 <= r < shape[0] and 0 <= c < shape[1]):
-                raise ValueError(f"{name}: got {(r, c)}, must be a cell of the {shape[0]} x {shape[1]} course")
-    if places["hole"] == places["tee"] or places["hole"][0] in places["sand"]:
-        raise ValueError(f"hole: got {places['hole'][0]}, must be neither the tee nor in the sand")
-    return {name: [r * shape[1] + c for r, c in cells] for name, cells in places.items()}
-
-
-def _offsets(shape, nearest, farthest):
-    """Every (rows, columns) at a distance of nearest to farthest."""
+def _offsets(name, shape, nearest, farthest):
+    """Every (rows, columns) at a distance of nearest to farthest; ValueError where the course is too large for them."""
+    check_entries(name, *shape, *(2 * min(n - 1, farthest) + 1 for n in shape))
     rows, columns = (range(-min(n - 1, farthest), min(n - 1, farthest) + 1) for n in shape)
     return [(r, c) for r in rows for c in columns if nearest**2 <= r * r + c * c <= farthest**2]
 

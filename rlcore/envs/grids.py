@@ -2,7 +2,19 @@
 
 import numpy as np
 
-from rlcore.core.checks import as_integers, check_count, check_probability
+from rlcore.core.checks import (
+    anything,
+    as_integers,
+    check_finite,
+    check_flag,
+    checked,
+    choice,
+    is_number,
+    show,
+    sized,
+    takes_none,
+)
+from rlcore.core.outcomes import freeze
 from rlcore.mdp import FiniteMDP
 
 __all__ = ["blocking_maze", "cliff_walking", "dyna_maze", "gridworld", "maze", "two_goal_maze", "windy_gridworld"]
@@ -13,17 +25,23 @@ DYNA_WALLS = ((1, 2), (2, 2), (3, 2), (4, 5), (0, 7), (1, 7), (2, 7))
 WIND = (0, 0, 0, 1, 1, 1, 2, 2, 1, 0)
 
 
+@takes_none
+def _terminals(name, cells, given):
+    S = given["n_rows"] * given["n_cols"]
+    cells = as_integers(name, [0, S - 1] if cells is None else cells)
+    if cells.ndim != 1 or not set(cells.tolist()) < set(range(S)):
+        raise ValueError(f"{name}: got {cells}, must be cells in 0..{S - 1}, one cell at least left out")
+    return cells
+
+
+@checked(n_cols=sized("n_rows", 4, 4), terminals=_terminals)
 def gridworld(n_rows=4, n_cols=4, *, terminals=None, reward=-1.0, slip=0.0):
     """A grid of n_rows x n_cols cells, numbered row by row; moves off the grid stay. Source below.
 
     terminals: cells that end the episode; the default is the first and the last, as in figure 4.1 of Sutton and Barto
     (2018). reward: of every step. slip: probability that the robot moves in one of the four directions at random.
     """
-    n_rows, n_cols = check_count("n_rows", n_rows), check_count("n_cols", n_cols)
-    slip, S, A = check_probability("slip", slip), n_rows * n_cols, len(MOVES)
-    terminals = as_integers("terminals", [0, S - 1] if terminals is None else terminals)
-    if terminals.ndim != 1 or not set(terminals.tolist()) < set(range(S)):
-        raise ValueError(f"terminals: got {terminals}, must be cells in 0..{S - 1}, one cell at least left out")
+    S, A = n_rows * n_cols, len(MOVES)
     row, col = np.divmod(np.arange(S), n_cols)
     target = np.stack(
         [np.clip(row + dr, 0, n_rows - 1) * n_cols + np.clip(col + dc, 0, n_cols - 1) for dr, dc in MOVES.values()], 1
@@ -38,24 +56,46 @@ def gridworld(n_rows=4, n_cols=4, *, terminals=None, reward=-1.0, slip=0.0):
     next_state[terminal] = np.flatnonzero(terminal)[:, None, None]
     rewards = np.where(terminal[:, None, None], 0.0, np.full(prob.shape, reward))
     start = ~terminal / np.sum(~terminal)
-    return FiniteMDP(next_state, prob, rewards, np.ones((S, A), bool), terminal, start, None, tuple(MOVES))
+    arrays = freeze(next_state, prob, rewards, np.ones((S, A), bool), terminal, start)
+    return FiniteMDP(*arrays, action_names=tuple(MOVES))
 
 
+def _cell(name, cell, given):
+    """The rule of a cell (row, column): its number."""
+    n_rows, n_cols = given["n_rows"], given["n_cols"]
+    if not isinstance(cell, (tuple, list, np.ndarray)) or len(cell) != 2 or not all(map(is_number, cell)):
+        raise ValueError(f"{name}: got cell {show(cell)}, must be (row, column)")
+    row, col = cell
+    if not (row in range(n_rows) and col in range(n_cols)):
+        raise ValueError(f"{name}: got cell {cell}, must be (row, column) inside {n_rows} x {n_cols}")
+    return int(row * n_cols + col)
+
+
+def _cells(name, cells, given):
+    if not hasattr(cells, "__iter__"):
+        raise ValueError(f"{name}: got {show(cells)}, must be cells (row, column)")
+    return {_cell(name, cell, given) for cell in cells}
+
+
+def _goals(name, goals, given):
+    if not isinstance(goals, dict) or not goals:
+        raise ValueError(f"{name}: got {show(goals)}, must be {{cell: reward}} with at least one cell")
+    goals = {_cell(name, cell, given): check_finite(name, reward) for cell, reward in goals.items()}
+    walls, start = given["walls"], given["start"]
+    for name, taken in (("start", {start} & (walls | goals.keys())), ("goals", goals.keys() & walls)):
+        if taken:
+            cell = divmod(min(taken), given["n_cols"])
+            raise ValueError(f"{name}: cell {cell} is taken, must be free of walls and goals")
+    return goals
+
+
+@checked(n_cols=sized("n_rows", 100), walls=_cells, start=_cell, goals=_goals)
 def maze(n_rows, n_cols, *, walls=(), start, goals):
     """A grid with walls: four moves, one that hits a wall or the edge stays; reaching a goal pays and ends the episode.
 
     walls: cells (row, column) that cannot be entered; they stay in the numbering as states that nothing reaches.
     start: a cell. goals: {cell: reward}. Every other step pays 0, so that discounting alone makes short paths good.
     """
-    n_rows, n_cols = check_count("n_rows", n_rows), check_count("n_cols", n_cols)
-    walls = {_cell("walls", cell, n_rows, n_cols) for cell in walls}
-    goals = {_cell("goals", cell, n_rows, n_cols): float(reward) for cell, reward in goals.items()}
-    start = _cell("start", start, n_rows, n_cols)
-    if not goals:
-        raise ValueError("goals: got none, must name at least one cell and its reward")
-    for name, cells in (("start", {start} & (walls | goals.keys())), ("goals", goals.keys() & walls)):
-        if cells:
-            raise ValueError(f"{name}: cell {divmod(min(cells), n_cols)} is taken, must be free of walls and goals")
     outcomes = {}
     for s in range(n_rows * n_cols):
         for a, move in enumerate(MOVES.values()):
@@ -68,6 +108,12 @@ def maze(n_rows, n_cols, *, walls=(), start, goals):
     )
 
 
+def _place(name, cell, given):
+    _cell(name, cell, dict(n_rows=6, n_cols=9))
+    return tuple(cell)
+
+
+@checked(goal=_place, walls=anything)
 def dyna_maze(*, goal=(0, 8), walls=DYNA_WALLS):
     """The 6 x 9 maze: start (2, 0), goal (0, 8) with reward 1, seven walls, 14 steps at best. fig-12, ex-model-based
 
@@ -77,18 +123,18 @@ def dyna_maze(*, goal=(0, 8), walls=DYNA_WALLS):
     return maze(6, 9, walls=walls, start=(2, 0), goals={goal: 1.0})
 
 
+@checked(gap=choice("right", "left"))
 def blocking_maze(*, gap="right"):
     """A 6 x 9 maze whose one passage is at the right end of the wall, or at the left end; start (5, 3). ex-model-wrong
 
     gap: "right" (10 steps to the goal) or "left" (16 steps). The experiment closes the right end and opens the left.
     Source: Sutton and Barto (2018), figure 8.4.
     """
-    if gap not in ("right", "left"):
-        raise ValueError(f'gap: got {gap!r}, must be "right" or "left"')
     columns = range(8) if gap == "right" else range(1, 9)
     return maze(6, 9, walls=[(3, col) for col in columns], start=(5, 3), goals={(0, 8): 1.0})
 
 
+@checked(near=check_finite, far=check_finite)
 def two_goal_maze(*, near=0.2, far=1.0):
     """A 3 x 6 room: a small reward 2 steps left of the start, a large one 3 steps to the right. ex-explore
 
@@ -112,6 +158,7 @@ def cliff_walking():
     return FiniteMDP.from_outcomes(outcomes, start=start, action_names=tuple(MOVES))
 
 
+@checked(king=check_flag, stay=check_flag)
 def windy_gridworld(*, king=False, stay=False):
     """7 x 10 cells; the wind of the column left pushes up by 0, 1 or 2 cells; -1 a step, start (3, 0), goal (3, 7).
 
@@ -132,10 +179,3 @@ def _moved(s, move, n_rows, n_cols):
     """Number of the cell that a move (rows, columns) leads to; the edge of the grid stops it."""
     row, col = s // n_cols + move[0], s % n_cols + move[1]
     return min(max(row, 0), n_rows - 1) * n_cols + min(max(col, 0), n_cols - 1)
-
-
-def _cell(name, cell, n_rows, n_cols):
-    row, col = cell
-    if not (0 <= row < n_rows and 0 <= col < n_cols):
-        raise ValueError(f"{name}: got cell {cell}, must be (row, column) inside {n_rows} x {n_cols}")
-    return int(row * n_cols + col)

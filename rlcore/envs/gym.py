@@ -2,11 +2,27 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_index
+from rlcore.core.checks import anything, checked, index, is_number, show
 from rlcore.core.extras import extra
 from rlcore.core.sampling import cumulative, draw
 from rlcore.envs.catch import catch, catch_pixels
-from rlcore.mdp import FiniteMDP
+
+ACTION = index(lambda given: given["self"].mdp.n_actions)
+
+
+def _seed(name, seed, given):
+    if not is_number(seed) or not 0 <= seed < np.inf or int(seed) != seed:
+        raise ValueError(f"{name}: got {show(seed)}, must be a whole number of at least 0, or None")
+    return int(seed)
+
+
+def _legal(name, action, given):
+    env, a = given["self"], ACTION(name, action, given)
+    legal = env.mdp.legal[env.s]
+    if not legal[a]:
+        raise ValueError(f"{name}: got {a} in state {env.s}, allowed there: {legal.nonzero()[0].tolist()}")
+    return a
+
 
 with extra("gym"):
     import gymnasium as gym
@@ -34,9 +50,8 @@ class MDPEnv(gym.Env):
 
     metadata = {"render_modes": []}
 
+    @checked
     def __init__(self, mdp):
-        if not isinstance(mdp, FiniteMDP):
-            raise ValueError(f"mdp: got {type(mdp).__name__}, must be a FiniteMDP")
         self.mdp = mdp
         self.state_names, self.action_names = mdp.state_names, mdp.action_names
         self.s = int(mdp.start.argmax())
@@ -59,16 +74,15 @@ class MDPEnv(gym.Env):
         """A(s) of the current state as (A,) int8."""
         return self.mdp.legal[self.s].astype("int8")
 
+    @checked(seed=_seed, options=anything)
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.s = int(draw(self._start, self.np_random))
         return self.s, {"action_mask": self.action_mask()}
 
+    @checked(action=_legal)
     def step(self, action):
-        m, s = self.mdp, self.s
-        a = check_index("action", action, m.n_actions)
-        if not m.legal[s, a]:
-            raise ValueError(f"action: got {a} in state {s}, allowed there: {m.legal[s].nonzero()[0].tolist()}")
+        m, s, a = self.mdp, self.s, action
         k = draw(self._cdf[s, a], self.np_random)
         self.s = int(m.next_state[s, a, k])
         terminated = bool(m.terminal[self.s])
@@ -93,12 +107,13 @@ class Catch(gym.Env):
         self._start = np.flatnonzero(self.mdp.start).tolist()
         self._next, self._reward = (x[:, :, 0].tolist() for x in (self.mdp.next_state, self.mdp.reward))
 
+    @checked(seed=_seed, options=anything)
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.s = self._start[int(self.np_random.random() * len(self._start))]
         return self._pixels[self.s].copy(), {}
 
+    @checked(action=ACTION)
     def step(self, action):
-        a = check_index("action", action, self.mdp.n_actions)
-        s, self.s = self.s, self._next[self.s][a]
-        return self._pixels[self.s].copy(), self._reward[s][a], self._terminal[self.s], False, {}
+        s, self.s = self.s, self._next[self.s][action]
+        return self._pixels[self.s].copy(), self._reward[s][action], self._terminal[self.s], False, {}

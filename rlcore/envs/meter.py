@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rlcore.core.checks import checked
 from rlcore.mdp import FiniteMDP
 
 __all__ = ["Metered"]
@@ -13,6 +14,7 @@ class Metered(FiniteMDP):
     Stands in for the process in functions that are plain Python: heuristic_search, optimality_backup, q_from_v.
     """
 
+    @checked
     def __init__(self, mdp):
         vars(self).update(vars(mdp), queries=0)  # the fields of a FiniteMDP are frozen
 

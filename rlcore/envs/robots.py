@@ -2,7 +2,22 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_function, check_gamma, check_probability
+from rlcore.core.checks import (
+    as_floats,
+    as_integers,
+    check_finite,
+    check_index,
+    check_nonnegative,
+    check_positive,
+    check_probability,
+    check_rate,
+    checked,
+    choice,
+    finite,
+    function_of,
+    rules,
+    show,
+)
 from rlcore.core.extras import extra
 from rlcore.core.results import Run
 from rlcore.mdp import FiniteMDP
@@ -19,6 +34,7 @@ __all__ = [
 ]
 
 
+@checked(**rules(check_probability, "alpha beta"), **rules(check_finite, "r_search r_wait r_rescue"))
 def recycling_robot(*, alpha=0.9, beta=0.6, r_search=2.0, r_wait=1.0, r_rescue=-3.0):
     """A robot that searches for cans, waits for them or recharges; states high and low charge. ex-recycling
 
@@ -26,8 +42,6 @@ def recycling_robot(*, alpha=0.9, beta=0.6, r_search=2.0, r_wait=1.0, r_rescue=-
     step; r_rescue: reward when the battery runs empty and the robot is carried home. A(high) = {search, wait}.
     Source: Sutton and Barto (2018), example 3.3.
     """
-    for name, value in dict(alpha=alpha, beta=beta).items():
-        check_probability(name, value)
     high, low, search, wait, recharge = 0, 1, 0, 1, 2
     outcomes = {
         (high, search): [(alpha, high, r_search), (1 - alpha, low, r_search)],
@@ -43,13 +57,13 @@ def recycling_robot(*, alpha=0.9, beta=0.6, r_search=2.0, r_wait=1.0, r_rescue=-
 # ---------------------------------------------------------------------- pick and place
 
 
+@checked
 def pick_and_place(*, jerk=0.0):
     """An arm over five cells that carries parts from cell 0 to cell 4, for ever. ex-pick-and-place
 
     State 5 * holding + cell. Slow moves go one cell. Fast moves go two, but with probability jerk only one, with a
     jerk of reward -1. grip takes a part at cell 0 and puts it down at cell 4 for reward +1; anywhere else it costs -1.
     """
-    check_probability("jerk", jerk)
     outcomes = {}
     for holding in (0, 1):
         for cell in range(5):
@@ -66,18 +80,16 @@ def pick_and_place(*, jerk=0.0):
     return FiniteMDP.from_outcomes(outcomes, start=0, state_names=states, action_names=actions)
 
 
+@checked(smoothness=check_nonnegative, dt=check_rate, effort=check_positive)
 def arm_motion(smoothness, *, n_steps=60, dt=0.05, effort=0.001):
     """Best motion of a one-joint arm from position 0 to 1 under a penalty on changes of its voltage. ex-pick-and-place
 
     Position x, velocity v, voltage u: x' = x + dt v, v' = v + dt (u - v). The reward of a step is
     -(x - 1)^2 - effort u^2 - smoothness (u - u_before)^2, x and u as the step finds and chooses them; gamma = 1, and
     the dynamic program is solved exactly, for rewards are quadratic and the dynamics linear.
-    smoothness: at least 0. Returns position (n_steps + 1,), velocity (n_steps + 1,), voltage (n_steps,),
-    rewards (n_steps,).
+    smoothness: at least 0. dt: in (0, 1]. effort: above 0.
+    Returns position (n_steps + 1,), velocity (n_steps + 1,), voltage (n_steps,), rewards (n_steps,).
     """
-    n_steps = check_count("n_steps", n_steps)
-    if not smoothness >= 0:
-        raise ValueError(f"smoothness: got {smoothness!r}, must be at least 0")
     # state z = (x - 1, v, u_before), action w = u - u_before: z' = A z + B w, cost z D z + 2 z C w + R w w
     A, B = np.array([[1, dt, 0], [0, 1 - dt, dt], [0, 0, 1]]), np.array([0, dt, 1])
     D, C, R = np.diag([1, 0, effort]), np.array([0, 0, effort]), effort + smoothness
@@ -101,6 +113,7 @@ OFFICE = ("R..#c", ".#...", "...#.", "c#..w", "....B")  # robot, can, obstacle, 
 HELD, BINNED = 25, 26
 
 
+@checked(reward_for=choice("delivery", "pick-up"))
 def can_robot(*, reward_for="delivery"):
     """A robot in an office of 5 x 5 cells with two cans, a bin, obstacles and one wrong object. ex-recycling, cl-008
 
@@ -109,8 +122,6 @@ def can_robot(*, reward_for="delivery"):
     with both cans in the bin. state_names: (cell of the robot, place of can 1, place of can 2), where a place is a
     cell, 25 (in the hand) or 26 (in the bin).
     """
-    if reward_for not in ("delivery", "pick-up"):
-        raise ValueError(f'reward_for: got {reward_for!r}, allowed are "delivery" and "pick-up"')
     layout = "".join(OFFICE)
     states = [(layout.index("R"), layout.index("c"), layout.rindex("c"))]
     index, outcomes = {states[0]: 0}, {}
@@ -150,55 +161,76 @@ def _office_step(layout, state, a, reward_for):
 # ---------------------------------------------------------------------- the pole on its cart
 
 
+def _failures(name, K, given):
+    K = as_floats(name, K)
+    if not (K >= 1).all():
+        raise ValueError(f"{name}: got {show(K)}, must be at least 1")
+    return K
+
+
+@checked(fail_step=_failures)
 def pole_return(fail_step, gamma, *, again=False):
     """G_0 of pole balancing as a continuing task: reward -1 at the step of a failure, else 0. eq-u-pole-return
 
     fail_step: K, the first failing step, at least 1; a number or an array. again: whether the pole, put upright, falls
     again every K steps for ever; then gamma = 1 gives -inf. Source: Sutton and Barto (2018), example 3.4.
     """
-    K, gamma = np.asarray(fail_step, float), check_gamma(gamma)
-    if not (K >= 1).all():
-        raise ValueError(f"fail_step: got {fail_step!r}, must be at least 1")
+    K = fail_step
     first = -(gamma ** (K - 1))  # eq-u-pole-return
     if not again:
         return first
     return np.divide(first, 1 - gamma**K, out=np.full_like(first, -np.inf), where=gamma < 1)
 
 
+@checked(policy=function_of("(state, rng)"))
 def pole_balancing(policy, n_episodes, *, max_steps, rng):
     """Pole balancing as an episodic task: +1 for each step until the pole falls. ex-pole-episodic
 
     policy: called with the state (x, x_dot, theta, theta_dot) and rng, gives 0 (push left) or 1 (push right).
     max_steps: an episode that long is cut; its length is max_steps. World: gymnasium's CartPole. Returns a Run.
     """
-    env, n_episodes = _cart_pole(rng), check_count("n_episodes", n_episodes)
-    check_function("policy", policy, "(state, rng)"), check_count("max_steps", max_steps)
+    env = _cart_pole(rng)
     returns, lengths = np.zeros(n_episodes), np.zeros(n_episodes, int)
     for i in range(n_episodes):
         state, terminated = env.reset()[0], False
         while not terminated and lengths[i] < max_steps:
-            state, r, terminated, _, _ = env.step(policy(state, rng))
+            state, r, terminated, _, _ = env.step(check_index("policy", policy(state, rng), 2))
             returns[i] += r
             lengths[i] += 1
     return Run(returns, lengths)
 
 
+@checked(policy=function_of("(state, rng)"))
 def pole_continuing(policy, n_steps, *, rng):
     """Pole balancing as a continuing task: the n_steps rewards, -1 where the pole falls and is put up again, else 0.
 
     ex-pole-continuing. policy: as for pole_balancing.
     """
-    env, rewards = _cart_pole(rng), np.zeros(check_count("n_steps", n_steps))
-    check_function("policy", policy, "(state, rng)")
+    env, rewards = _cart_pole(rng), np.zeros(n_steps)
     state = env.reset()[0]
     for t in range(rewards.size):
-        state, _, fell, _, _ = env.step(policy(state, rng))
+        state, _, fell, _, _ = env.step(check_index("policy", policy(state, rng), 2))
         if fell:
             rewards[t] = -1.0
             state = env.reset()[0]
     return rewards
 
 
+def _pushes(name, pushes, given):
+    pushes = as_integers(name, pushes)
+    if pushes.ndim != 1 or not np.isin(pushes, [0, 1]).all():
+        raise ValueError(f"{name}: got {show(pushes)}, must be a list of 0 and 1")
+    return pushes
+
+
+def _pole(name, state, given):
+    state = finite(name, state)
+    if state.shape != (4,):
+        raise ValueError(f"{name}: got shape {state.shape}, must be (4,)")
+    return state
+
+
+@checked(pushes=_pushes, state=_pole)
 def push_pole(pushes, *, state=(0.0, 0.0, 0.04, 0.0), hold=4):
     """States (T + 1, 4) of the cart-pole under pushes (0 left, 1 right), each held for `hold` steps, up to a failure.
 
@@ -208,7 +240,7 @@ def push_pole(pushes, *, state=(0.0, 0.0, 0.04, 0.0), hold=4):
     env.reset(seed=0)
     env.state = np.array(state)
     states = [env.state]
-    for push in np.repeat(np.asarray(pushes, int), check_count("hold", hold)):
+    for push in np.repeat(pushes, hold):
         _, _, fell, _, _ = env.step(int(push))
         states.append(np.array(env.state))
         if fell:

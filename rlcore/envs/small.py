@@ -2,7 +2,19 @@
 
 import numpy as np
 
-from rlcore.core.checks import as_floats, check_count, check_probability, check_rng, is_number
+from rlcore.core.checks import (
+    anything,
+    check_count,
+    check_entries,
+    check_positive,
+    check_probability,
+    checked,
+    count,
+    finite,
+    sized,
+    takes_none,
+)
+from rlcore.core.outcomes import freeze
 from rlcore.mdp import FiniteMDP
 
 __all__ = [
@@ -17,6 +29,20 @@ __all__ = [
 ]
 
 
+MOST_STATES = 10**6  # of a process made from a table of outcomes
+
+
+@takes_none
+def _two_rewards(name, rewards, given):
+    if rewards is None:
+        return (0.0, 1.0) if given["n"] < 19 else (-1.0, 1.0)
+    rewards = finite(name, rewards)
+    if rewards.shape != (2,):
+        raise ValueError(f"{name}: got {rewards}, must be two numbers, for the left and the right end")
+    return rewards
+
+
+@checked(n=count(most=MOST_STATES), rewards=_two_rewards, start=anything, right=check_probability)
 def random_walk(n, *, rewards=None, start=None, right=0.5):
     """n states in a row, one action that steps right with probability `right`, else left; a terminal state at each end.
 
@@ -24,28 +50,29 @@ def random_walk(n, *, rewards=None, start=None, right=0.5):
     the default is (0, 1) for n < 19 (true values i / (n + 1)) and (-1, 1) from n = 19 on.
     Source: Sutton and Barto (2018), example 6.2 (n = 5) and section 12.1 (n = 19).
     """
-    n, p = check_count("n", n), check_probability("right", right)
-    rewards = as_floats("rewards", ((0.0, 1.0) if n < 19 else (-1.0, 1.0)) if rewards is None else rewards)
-    if rewards.shape != (2,):
-        raise ValueError(f"rewards: got {rewards}, must be two numbers, for the left and the right end")
-    at_left, at_right = rewards
+    (at_left, at_right), p = rewards, right
     outcomes = {(s, 0): [(1 - p, s - 1, at_left * (s == 1)), (p, s + 1, at_right * (s == n))] for s in range(1, n + 1)}
     return FiniteMDP.from_outcomes(outcomes, start=(n + 1) // 2 if start is None else start, action_names=("step",))
 
 
+@takes_none
+def _successors(name, n_next, given):
+    name, K = ("n_states", given["n_states"]) if n_next is None else (name, check_count(name, n_next))
+    check_entries(name, given["n_states"], given["n_actions"], K)
+    return n_next
+
+
+@checked(n_next=_successors, concentration=check_positive)
 def random_mdp(n_states, n_actions, *, n_next=None, concentration=0.3, rng):
     """A random process without terminal states: Dirichlet(concentration) rows, normal rewards r(s, a, s'). fig-13
 
     n_next: how many successors each pair has (drawn with repetition, as sparse processes need); all states where None.
     """
-    S, A = check_count("n_states", n_states), check_count("n_actions", n_actions)
-    K, rng = S if n_next is None else check_count("n_next", n_next), check_rng(rng)
-    if not (is_number(concentration) and 0 < concentration < np.inf):
-        raise ValueError(f"concentration: got {concentration!r}, must be a positive number")
+    S, A, K = n_states, n_actions, n_states if n_next is None else n_next
     next_state = np.broadcast_to(np.arange(S), (S, A, S)) if n_next is None else rng.integers(S, size=(S, A, K))
     prob = rng.dirichlet(np.full(K, concentration), size=(S, A))
     reward = rng.normal(size=(S, A, K))
-    return FiniteMDP(next_state, prob, reward, np.ones((S, A), bool), np.zeros(S, bool), np.full(S, 1 / S))
+    return FiniteMDP(next_state, *freeze(prob, reward, np.ones((S, A), bool), np.zeros(S, bool), np.full(S, 1 / S)))
 
 
 def short_corridor():
@@ -60,6 +87,7 @@ def short_corridor():
     return FiniteMDP.from_outcomes(outcomes, start=0, action_names=("left", "right"))
 
 
+@checked
 def zero_loop(*, reward=1.0):
     """One state with two actions: stay, for reward 0, or leave, for `reward`, to the terminal state. cl-012, cl-014
 
@@ -81,13 +109,13 @@ def myopic():
     return FiniteMDP.from_outcomes(outcomes, start=0, action_names=("now", "later"))
 
 
+@checked(reach=sized("n", 2))
 def jumping_walk(n=1000, reach=100):
     """n states in a row, one action that jumps 1 to `reach` states left or right, all equally likely. ex-tabular
 
     Jumps beyond an end terminate, with reward -1 on the left, +1 on the right. States 0 (left end), 1..n, n + 1 (right
     end); start in the middle. Source: Sutton and Barto (2018), example 9.1.
     """
-    n, reach = check_count("n", n), check_count("reach", reach)
     jumps = np.concatenate([np.arange(-reach, 0), np.arange(1, reach + 1)])
     next_state = np.clip(np.arange(n + 2)[:, None, None] + jumps, 0, n + 1)
     terminal = np.isin(np.arange(n + 2), [0, n + 1])
@@ -107,13 +135,14 @@ def two_state_mdp():
     return FiniteMDP.from_arrays(P, [[0.0, -0.2], [1.0, 0.8]], start=0, action_names=("stay", "change"))
 
 
+@checked(n_next=sized("n_states", 2))
 def branching_mdp(n_states, n_next, *, stop=0.1, rng):
     """Two actions a state, each to one of n_next states or, with probability `stop`, to the end; normal rewards. cl-022
 
     Successors are drawn at random and equally likely; the reward depends on (s, a, s'), 0 on stopping. Start: state 0.
     Source: Sutton and Barto (2018), section 8.6, figure 8.8.
     """
-    S, K = check_count("n_states", n_states), check_count("n_next", n_next)
+    S, K = n_states, n_next
     next_state = np.full((S + 1, 2, K + 1), S)
     next_state[:S, :, :K] = rng.integers(S, size=(S, 2, K))
     prob = np.broadcast_to(np.append(np.full(K, (1 - stop) / K), stop), next_state.shape)

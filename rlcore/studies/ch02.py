@@ -7,7 +7,17 @@ from math import comb
 import numpy as np
 
 from rlcore.bellman import optimality_backup
-from rlcore.core.checks import as_integers, check_count, check_finite, is_number, spaces
+from rlcore.core.checks import (
+    as_integers,
+    check_count,
+    check_finite,
+    check_positive,
+    checked,
+    count,
+    rules,
+    show,
+    spaces,
+)
 from rlcore.core.learner import learner, log, note, prediction
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at
@@ -17,6 +27,7 @@ from rlcore.mdp import FiniteMDP
 from rlcore.td import td_error
 
 
+@checked
 def backups_per_second(mdp, gamma=0.9):
     """State values that value iteration computes in a second on this machine, one core. ex-backgammon"""
     value_iteration(mdp, gamma, tol=1.0)  # compiles
@@ -25,18 +36,24 @@ def backups_per_second(mdp, gamma=0.9):
     return sweeps * mdp.n_states / (time.perf_counter() - start)
 
 
+def _club(name, club, given):
+    clubs = sorted({action.split()[0] for action in given["mdp"].action_names or ()})
+    if not isinstance(club, str) or club not in clubs:
+        raise ValueError(f"{name}: got {show(club)}, must be one of {clubs}, the first words of the actions' names")
+    return club
+
+
+@checked(club=_club)
 def best_with_club(mdp, Q, club):
     """max of Q over the actions of one club, (S,): q(s, club). eq-14, fig-5
 
     Q: (S, A). club: the first word of the action's name, "putter" or "driver". -inf where the club has no legal shot.
     """
     mine = [a for a, name in enumerate(mdp.action_names) if name.split()[0] == club]
-    if not mine:
-        clubs = sorted({name.split()[0] for name in mdp.action_names})
-        raise ValueError(f"club: got {club!r}, must be one of {clubs}")
-    return np.asarray(Q)[:, mine].max(axis=1)
+    return Q[:, mine].max(axis=1)
 
 
+@checked
 def putting_values(mdp, n_sweeps):
     """Sweeps of (16) where some states may never reach the end: history (n_sweeps + 1, S). ex-golf-putter
 
@@ -44,11 +61,12 @@ def putting_values(mdp, n_sweeps):
     for ever, so that its limit is -infinity; value_iteration refuses such a process at gamma = 1.
     """
     history = [np.zeros(mdp.n_states)]
-    for _ in range(check_count("n_sweeps", n_sweeps)):
+    for _ in range(n_sweeps):
         history.append(optimality_backup(mdp, history[-1], 1.0))  # eq-16
     return np.array(history)
 
 
+@checked
 def free_last_stroke(mdp):
     """The same process, but the stroke that reaches the hole costs nothing (the document's wording). ex-golf-putter"""
     reward = np.where(mdp.terminal[mdp.next_state], 0.0, mdp.reward)
@@ -59,17 +77,26 @@ def free_last_stroke(mdp):
 SECONDS_PER_YEAR = 365.25 * 24 * 3600
 
 
+MOST_CELLS = 1000  # the number of boards has 400 digits then
+
+
+def _few_cells(name, cols, given):
+    cols = check_count(name, cols)
+    if given["rows"] * cols > MOST_CELLS:
+        raise ValueError(f"{name}: got {cols} and {given['rows']} rows, must make at most {MOST_CELLS} cells")
+    return cols
+
+
+@checked(rows=count(), cols=_few_cells)
 def board_states(rows, cols):
     """Boards that two players who move in turn can fill, wins left aside: sum over k of C(n, k) C(k, k // 2). cl-023"""
-    n = check_count("rows", rows) * check_count("cols", cols)
+    n = rows * cols
     return sum(comb(n, k) * comb(k, k // 2) for k in range(n + 1))
 
 
+@checked(**rules(check_positive, "n_states per_second n_bytes"))
 def cost_of_a_sweep(n_states, per_second=1e9, n_bytes=8):
     """(years, bytes): time of one backup of every state, and memory for one number a state. ex-backgammon"""
-    for name, value in dict(n_states=n_states, per_second=per_second, n_bytes=n_bytes).items():
-        if not is_number(value) or not value > 0:
-            raise ValueError(f"{name}: got {value!r}, must be a positive number")
     return n_states / per_second / SECONDS_PER_YEAR, n_states * n_bytes
 
 

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.core.checks import (
+    as_integers,
     check_count,
-    check_gamma,
-    check_policy,
     check_positive,
-    check_probability,
     checked,
+    choice,
+    count,
     finite,
     function_of,
+    show,
 )
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
@@ -23,26 +24,49 @@ from rlcore.neurons import softmax
 from rlcore.policies import epsilon_greedy, max_value
 
 
+def _visited(name, states, given):
+    states, (S, _) = as_integers(name, states), given["mdp"].legal.shape
+    if states.ndim != 1 or states.size == 0 or ((states < 0) | (states >= S)).any():
+        raise ValueError(f"{name}: got {show(states)}, must be (T,) states in 0..{S - 1}")
+    return states
+
+
+def _taken(name, actions, given):
+    actions, (_, A), shape = as_integers(name, actions), given["mdp"].legal.shape, given["states"].shape
+    if actions.shape != shape or ((actions < 0) | (actions >= A)).any():
+        raise ValueError(f"{name}: got {show(actions)}, must be {shape} as states, each in 0..{A - 1}")
+    return actions
+
+
+@checked(states=_visited, actions=_taken)
 def trajectory_probability(mdp, pi, states, actions):
     """p(s_1, a_1, ..., s_T, a_T): start, then policy and dynamics in turn; no dynamics after a_T. eq-u-traj-prob
 
     states, actions: (T,) each.
     """
-    states, actions = np.asarray(states), np.asarray(actions)
-    if states.shape != actions.shape or states.ndim != 1 or states.size == 0:
-        raise ValueError(f"states: got shape {states.shape}, must be that of actions, {actions.shape}, and not empty")
-    pi, P = check_policy(mdp, pi), mdp.transition_probs()
-    policy, dynamics = pi[states, actions], P[states[:-1], actions[:-1], states[1:]]
+    policy, dynamics = pi[states, actions], mdp.transition_probs()[states[:-1], actions[:-1], states[1:]]
     return float(mdp.start[states[0]] * policy.prod() * dynamics.prod())  # eq-u-traj-prob
 
 
+MOST = 10**6  # trajectories that are listed
+
+
+def _few_steps(name, T, given):
+    T, pairs = check_count(name, T), given["mdp"].legal.size
+    if T > 20 or pairs**T > MOST:
+        raise ValueError(
+            f"{name}: got {T}, makes {pairs}^{T} trajectories, must make at most {MOST:,}, and be at most 20"
+        )
+    return T
+
+
+@checked(T=_few_steps)
 def trajectories(mdp, pi, T):
     """Every trajectory of T states and actions: states (n, T), actions (n, T), probabilities (n,). fig-8"""
-    T = check_count("T", T)
     states = np.array(list(itertools.product(range(mdp.n_states), repeat=T)))
     actions = np.array(list(itertools.product(range(mdp.n_actions), repeat=T)))
     states, actions = np.repeat(states, len(actions), axis=0), np.tile(actions, (len(states), 1))
-    return states, actions, np.array([trajectory_probability(mdp, pi, *tau) for tau in zip(states, actions)])
+    return states, actions, np.array([trajectory_probability.unchecked(mdp, pi, *tau) for tau in zip(states, actions)])
 
 
 def objective(mdp, pi, T):
@@ -60,21 +84,17 @@ class Updates:
     history: np.ndarray
 
 
+@checked(where=choice("trajectory", "uniform"), record=count())
 def spread_updates(mdp, gamma, n_updates, *, where, epsilon=0.1, record=1, rng):
     """n_updates backups (17), each of one pair, with the choice of pairs as the only difference. cl-022
 
     where: "trajectory" updates the pairs that an epsilon-greedy agent meets, from the start state to the end and again;
     "uniform" draws every pair outside terminal states equally often. Source: Sutton and Barto (2018), section 8.6.
     """
-    if where not in ("trajectory", "uniform"):
-        raise ValueError(f'where: got {where!r}, must be "trajectory" or "uniform"')
-    epsilon = check_probability("epsilon", epsilon)
-    n_updates, record = check_count("n_updates", n_updates), check_count("record", record)
     pairs = np.argwhere(mdp.legal & ~mdp.terminal[:, None])
     Q0 = np.where(mdp.legal, 0.0, -np.inf)
     follow = where == "trajectory"
-    arguments = (mdp.sampler(), mdp.prob, pairs, Q0, check_gamma(gamma), n_updates, epsilon, follow, record, rng)
-    return Updates(*_spread_updates(*arguments))
+    return Updates(*_spread_updates(mdp.sampler(), mdp.prob, pairs, Q0, gamma, n_updates, epsilon, follow, record, rng))
 
 
 @compiled
@@ -104,12 +124,17 @@ def _spread_updates(world, prob, pairs, Q0, gamma, n_updates, epsilon, follow, r
     return Q, visits, history
 
 
-# ---------------------------------------------------------------------- chapter 3's form
+def _divisors(name, scale, given):
+    scale = finite(name, scale)
+    if scale.ndim > 1 or not (scale > 0).all():
+        raise ValueError(f"{name}: got {show(scale)}, must be (d,) or a number, above 0")
+    return scale
 
 
 @checked(
-    start=function_of("rng="), step=function_of("(x, a)"), alive=function_of("x"), alpha=check_positive, scale=finite
-)
+    start=function_of("rng="), step=function_of("(x, a)"), alive=function_of("x"), alpha=check_positive,
+    scale=_divisors,
+)  # fmt: skip
 def reinforce_linear(start, step, alive, n_actions, gamma, n_episodes, *, alpha, scale=1.0, max_steps=200, rng):
     """Policy gradient with a softmax that is linear in the state, returns to go and their mean as baseline. cl-025
 
@@ -118,6 +143,8 @@ def reinforce_linear(start, step, alive, n_actions, gamma, n_episodes, *, alpha,
     Returns a Run; policy is W (A, d), history (n_episodes + 1, A, d). Source: Williams (1992).
     """
     W = np.zeros((n_actions, np.size(start(rng=rng))))
+    if scale.size not in (1, W.shape[1]):
+        raise ValueError(f"scale: got {scale.size} numbers, must be one, or one for each of {W.shape[1]} of a state")
     lengths, history = [], [W]
     for _ in range(n_episodes):
         x, features, gradients = start(rng=rng), [], []
@@ -127,6 +154,8 @@ def reinforce_linear(start, step, alive, n_actions, gamma, n_episodes, *, alpha,
             features.append(x / scale)
             gradients.append(np.eye(n_actions)[a] - probs)  # of log pi(a|x) with respect to the preferences
             x = step(x, a)
+        if not features:
+            raise ValueError("start: gave a state in which there is nothing to do, must give one that is alive")
         G = discounted_returns(np.ones(len(features)), gamma)
         W = W + alpha * np.einsum("t,ta,td->ad", G - G.mean(), gradients, features) / len(features)
         lengths.append(len(features))

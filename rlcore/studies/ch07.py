@@ -10,7 +10,6 @@ from rlcore.optimizers import Adam
 from rlcore.reinforce import reinforce_network
 
 STEPS, WINDOW, ENOUGH = 200, 100, 195
-
 Runs = namedtuple("Runs", "solved last steps blocks")
 
 

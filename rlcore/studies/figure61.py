@@ -26,7 +26,6 @@ SETTINGS = {  # name: what differs from PPOConfig()
 PUBLISHED = np.array([-0.39, 0.76, 0.82, 0.70, 0.68, 0.74, 0.71, 0.62, 0.71, 0.72, 0.69])
 
 RANDOM = "random"
-
 Line = namedtuple("Line", "setting published ours low high runs rank_published rank_ours")
 
 

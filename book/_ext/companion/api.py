@@ -49,12 +49,28 @@ def members(cls):
 
 
 def signature(name, thing):
+    """The call as it may be copied: arguments with their types and defaults, what it returns."""
     try:
-        text = str(inspect.signature(thing))
+        found = inspect.signature(thing)
     except (TypeError, ValueError):
-        text = "(...)"
-    text = re.sub(r"<(?:function|class|object)[^>]*>", "...", text).replace("'", "")
-    return name + re.sub(r"\b(?:numpy\.random\._generator|numpy|rlcore\.[a-z_]+)\.", "", text)
+        return f"{name}(...)"
+    parts, keywords = [], False
+    for p in found.parameters.values():
+        if p.kind is p.KEYWORD_ONLY and not keywords:
+            parts.append("*")
+        keywords |= p.kind in (p.KEYWORD_ONLY, p.VAR_POSITIONAL)
+        kind = {p.VAR_POSITIONAL: "*", p.VAR_KEYWORD: "**"}.get(p.kind, "")
+        default = getattr(p.default, "__name__", None) or repr(p.default)
+        typed = "" if p.annotation is p.empty else f": {type_name(p.annotation)}"
+        given = "" if p.default is p.empty else f" = {default}" if typed else f"={default}"
+        parts.append(f"{kind}{p.name}{typed}{given}")
+    returned = "" if found.return_annotation is found.empty else f" -> {type_name(found.return_annotation)}"
+    return f"{name}({', '.join(parts)}){returned}"
+
+
+def type_name(annotation):
+    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
+    return re.sub(r"\b(?:numpy\.random\._generator|numpy|np|collections\.abc|rlcore\.[a-z_.]+)\.", "", text)
 
 
 class Api(SphinxDirective):
