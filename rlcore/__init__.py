@@ -22,7 +22,8 @@ INDEX = {
     3: {
         "dp": "policy_evaluation policy_improvement policy_iteration value_iteration",
         "solver": "solve",
-        "planning": "estimate_model certainty_equivalent_control dyna_q random_shooting",
+        "planning": "estimate_model certainty_equivalent_control dyna_q",
+        "mpc": "fit_linear_dynamics random_shooting",
     },
     4: {
         "td": "td_target td_error td0 sarsa expected_sarsa q_learning",

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rlcore.core.checks import checked
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
+from rlcore.core.rules import checked
 from rlcore.core.schedules import at
 from rlcore.core.worlds import act, reset
 from rlcore.distributions import Categorical

@@ -4,7 +4,8 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import as_integers, checked, finite, show
+from rlcore.core.checks import as_integers, finite, show
+from rlcore.core.rules import checked
 from rlcore.mdp import Trajectory, discounted_returns
 from rlcore.td import td_error
 

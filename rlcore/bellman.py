@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 
 from rlcore.core.chains import chain, reaches, require_end_of, solve_system
-from rlcore.core.checks import as_floats, check_nonnegative, checked
+from rlcore.core.checks import as_floats, check_nonnegative
+from rlcore.core.rules import checked
 from rlcore.mdp import deterministic_policy
 
 

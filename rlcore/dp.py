@@ -4,9 +4,10 @@ import numpy as np
 
 from rlcore.bellman import error_bound, greedy, policy_error_bound, q_from_v, solve_policy
 from rlcore.core.chains import chain, reaches
-from rlcore.core.checks import check_policy, checked
+from rlcore.core.checks import check_policy
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution
+from rlcore.core.rules import checked
 from rlcore.mdp import uniform_policy
 
 

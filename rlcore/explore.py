@@ -15,8 +15,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from urllib.parse import quote
 
-from rlcore.core.checks import checked, choice, function_of, show
+from rlcore.core.checks import show
 from rlcore.core.extras import extra
+from rlcore.core.rules import checked, choice, function_of
 
 MAX_FRAMES = 40
 GREEK = {"alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "theta": "θ", "lam": "λ", "pi": "π"}

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rlcore.core.checks import as_flags, checked, finite
+from rlcore.core.checks import as_flags, finite
+from rlcore.core.rules import checked
 
 
 def _like_rewards(kind):

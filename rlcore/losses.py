@@ -6,8 +6,9 @@ actions: (B,) integers, or (B, A). advantage: (B,). `old` stands for outputs of 
 Source: Schulman et al. (2015, 2017).
 """
 
-from rlcore.core.checks import check_finite, check_positive, checked, show
+from rlcore.core.checks import check_finite, check_positive, show
 from rlcore.core.extras import extra
+from rlcore.core.rules import checked
 
 with extra("deep"):
     import torch

@@ -4,20 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.core.checks import (
-    Model,
-    as_flags,
-    as_floats,
-    as_integers,
-    check_finite,
-    check_index,
-    check_world,
-    checked,
-    count,
-    index,
-    takes_none,
-    where,
-)
+from rlcore.core.checks import Model, as_flags, as_floats, as_integers, check_finite, check_index, check_world, where
 from rlcore.core.learner import learner
 from rlcore.core.outcomes import (
     canonical,
@@ -30,6 +17,7 @@ from rlcore.core.outcomes import (
     names,
     own,
 )
+from rlcore.core.rules import checked, count, index, takes_none
 from rlcore.core.sampling import Sampler, cumulative, draw, step
 from rlcore.core.worlds import act, reset
 
@@ -60,8 +48,7 @@ class FiniteMDP(Model):
     def __post_init__(self):
         kinds = dict(next_state=as_integers, prob=as_floats, reward=as_floats, legal=as_flags, terminal=as_flags)
         for name, kind in (kinds | dict(start=as_floats)).items():
-            given = getattr(self, name)
-            object.__setattr__(self, name, own(given, kind(name, given), np.int32 if name == "next_state" else None))
+            object.__setattr__(self, name, own(name, getattr(self, name), kind))
         for name in ("state_names", "action_names"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, names(name, getattr(self, name)))

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from rlcore.core.checks import choice, spaces
+from rlcore.core.checks import spaces
 from rlcore.core.learner import learner, log, note, prediction
 from rlcore.core.results import Run
+from rlcore.core.rules import choice
 from rlcore.core.schedules import at
 from rlcore.core.worlds import episode, total
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rlcore.core.checks import anything, array, check_count, check_finite, checked, choice, finite
+from rlcore.core.checks import check_count, check_finite, finite
+from rlcore.core.rules import anything, array, checked, choice
 from rlcore.core.samples import check_labels, finite_numbers, numbers, pair
 
 # ---------------------------------------------------------------------- activations

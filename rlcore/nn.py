@@ -1,4 +1,4 @@
-"""A neural network on one parameter vector: forward, backpropagation, training, approximation by hand (chapter 6)."""
+"""A neural network on one parameter vector: forward, backward, trained, and made by hand (chapter 6)."""
 
 import copy
 from math import isfinite
@@ -7,20 +7,15 @@ import numpy as np
 
 from rlcore.core.checks import (
     LARGEST,
-    anything,
     check_count,
-    check_dtype,
     check_function,
     check_nonnegative,
     check_positive,
     check_rng,
-    checked,
-    choice,
-    count,
     finite,
-    function_of,
     show,
 )
+from rlcore.core.rules import anything, check_dtype, checked, choice, count, function_of
 from rlcore.core.samples import all_finite, as_samples, check_labels, check_samples, finite_numbers, pair
 from rlcore.neurons import ACTIVATIONS, COSTS
 from rlcore.optimizers import take_step

@@ -9,22 +9,19 @@ import numpy as np
 from rlcore.bellman import solve_policy
 from rlcore.core.chains import chain
 from rlcore.core.checks import (
-    array,
     as_integers,
     check_count,
     check_flag,
     check_index,
     check_probability,
     check_rate,
-    checked,
-    choice,
-    count,
     finite,
     finite_values,
     show,
 )
 from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.rules import array, checked, choice, count
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at
 from rlcore.core.worlds import act, episode, reset, total

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_finite, check_positive, checked, function_of, is_number, show
+from rlcore.core.checks import check_finite, check_positive, is_number, show
+from rlcore.core.rules import checked, function_of
 from rlcore.core.samples import check_samples
 
 

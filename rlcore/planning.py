@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.core.checks import (
-    anything,
-    array,
     as_flags,
     as_integers,
     check_count,
@@ -16,21 +14,15 @@ from rlcore.core.checks import (
     check_index,
     check_nonnegative,
     check_world,
-    checked,
-    count,
     finite,
-    function_of,
-    index,
-    like,
     model_of,
     show,
-    sized,
     spaces,
-    takes_none,
 )
 from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import PlanningRun
+from rlcore.core.rules import anything, checked, count, index, sized, takes_none
 from rlcore.core.sampling import draw, step
 from rlcore.core.schedules import at, check_schedule, now
 from rlcore.core.worlds import FOREVER, act, reset
@@ -297,85 +289,3 @@ def _remembered(world, memory):
     prob = (legal | terminal[:, None]).astype(float)[:, :, None]
     start = ~terminal / np.sum(~terminal) if mdp is None else mdp.start
     return FiniteMDP(next_state, prob, memory.reward[:, :, None], legal, terminal, start)
-
-
-# ---------------------------------------------------------------------- a continuous model: least squares, shooting
-
-
-def _actions_below(n_actions):
-    """The rule of actions (n,), one for each row of x."""
-
-    def rule(name, a, given):
-        a, n, rows = finite(name, a), n_actions(given), len(given["x"])
-        if a.shape != (rows,) or not np.isin(a, np.arange(n)).all():
-            raise ValueError(f"{name}: got {show(a)}, must be ({rows},) actions in 0..{n - 1}")
-        return a.astype(int)
-
-    return rule
-
-
-MOST_ACTIONS = 10_000  # of a model that sees them as one-hot rows
-
-
-@checked(
-    x=array("n", "d"), a=_actions_below(lambda given: check_count("n_actions", given["n_actions"], most=MOST_ACTIONS)),
-    x_next=like("x"), n_actions=count(most=MOST_ACTIONS),
-)  # fmt: skip
-def fit_linear_dynamics(x, a, x_next, n_actions):
-    """W (d + A, d) with x' = [x, one-hot a] W closest to the data in least squares. alg-model-learning, fig-7
-
-    x, x_next: (n, d) states; a: (n,) actions in 0..A-1.
-    """
-    return np.linalg.lstsq(_features(x, a, n_actions), x_next, rcond=None)[0]
-
-
-def _fitted(name, W, given):
-    W = array("d + A", "d")(name, W, given)
-    if len(W) <= W.shape[1]:
-        raise ValueError(f"{name}: got shape {W.shape}, must be (d + A, d) with at least one action")
-    return W
-
-
-def _states(name, x, given):
-    x, d = finite(name, x), given["W"].shape[1]
-    if x.ndim != 2 or x.shape[1] != d:
-        raise ValueError(f"{name}: got shape {x.shape}, must be (n, {d})")
-    return x
-
-
-@checked(W=_fitted, x=_states, a=_actions_below(lambda given: len(given["W"]) - given["W"].shape[1]))
-def linear_dynamics(W, x, a):
-    """Next states (n, d) that the fitted model W predicts for states x (n, d) and actions a (n,). eq-u-dynamics"""
-    return _features(x, a, W.shape[0] - W.shape[1]) @ W
-
-
-def _features(x, a, n_actions):
-    return np.hstack([x, np.eye(n_actions)[a]])
-
-
-def _plans(name, actions, given):
-    finite(name, actions)
-    if np.ndim(actions) != 2 or np.shape(actions)[1] != len(given["x"]):
-        raise ValueError(f"{name}: got shape {np.shape(actions)}, must be (T, {len(given['x'])})")
-    return np.asarray(actions)
-
-
-@checked(model=function_of("(x, a)"), x=array("n", "d"), actions=_plans)
-def simulate(model, x, actions):
-    """States (T + 1, n, d) that n runs of the model visit from x (n, d) under actions (T, n). cl-026, fig-7"""
-    path = [x]
-    for a in actions:
-        path.append(model(path[-1], a))
-    return np.array(path)
-
-
-@checked(model=function_of("(x, a)"), cost=function_of("x"), x=array("d"), n_candidates=sized("horizon"))
-def random_shooting(model, cost, x, n_actions, *, horizon, n_candidates, rng):
-    """First action of the cheapest of n_candidates random plans, each simulated `horizon` steps in the model. alg-mpc
-
-    model(x, a) -> (n, d) next states of n states at once; cost(x) -> (n,) is added up over the states met; x: (d,), the
-    state now. Planned anew at each step, this is model-predictive control. Source: Nagabandi et al. (2018).
-    """
-    plans = (rng.random((horizon, n_candidates)) * n_actions).astype(int)
-    path = simulate(model, np.tile(x, (n_candidates, 1)), plans)
-    return int(plans[0, sum(cost(states) for states in path[1:]).argmin()])

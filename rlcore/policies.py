@@ -5,9 +5,10 @@ from math import exp
 import numpy as np
 
 from rlcore.bellman import greedy_actions, table
-from rlcore.core.checks import as_flags, as_floats, check_probability, checked, is_number, show, spaces, takes_none
+from rlcore.core.checks import as_flags, as_floats, check_probability, is_number, show, spaces
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
+from rlcore.core.rules import checked, takes_none
 from rlcore.core.samples import check_labels
 from rlcore.core.schedules import Schedule, now
 from rlcore.core.worlds import open_world, tabular_world

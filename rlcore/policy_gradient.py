@@ -3,18 +3,10 @@
 import numpy as np
 
 from rlcore.bellman import expected_visits, q_from_v, solve_policy
-from rlcore.core.checks import (
-    anything,
-    array,
-    check_flag,
-    check_positive,
-    checked,
-    finite,
-    spaces,
-    takes_none,
-)
+from rlcore.core.checks import check_flag, check_positive, finite, spaces
 from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner
+from rlcore.core.rules import anything, array, checked, takes_none
 from rlcore.core.samples import check_labels
 from rlcore.core.worlds import act, reset
 from rlcore.mdp import discounted_returns

@@ -4,9 +4,10 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import Model, check_positive, checked, is_number, show, takes_none
+from rlcore.core.checks import Model, check_positive, is_number, show
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
+from rlcore.core.rules import checked, takes_none
 from rlcore.core.schedules import at
 from rlcore.core.worlds import FOREVER, open_world, total
 from rlcore.distributions import Categorical

@@ -13,9 +13,9 @@ import numpy as np
 
 from rlcore.bellman import error_bound, greedy, q_from_v
 from rlcore.core.chains import chain, reaches, solve_system
-from rlcore.core.checks import checked
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution
+from rlcore.core.rules import checked
 from rlcore.mdp import uniform_policy
 
 ULP = float(np.finfo(float).eps) / 2  # relative error of one operation

@@ -20,7 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_flag, checked, instance, show
+from rlcore.core.checks import check_count, check_flag, show
+from rlcore.core.rules import checked, instance
 
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 PACKAGES = ("numpy", "numba", "gymnasium", "torch")

@@ -5,27 +5,30 @@ from dataclasses import replace
 import numpy as np
 
 from rlcore.bellman import v_from_q
-from rlcore.core.checks import anything, as_flags, check_pi, checked, elementwise, spaces, takes_none
+from rlcore.core.checks import as_flags, check_pi, spaces
 from rlcore.core.compiled import inlined
 from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.rules import anything, checked, elementwise, takes_none
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at, check_schedule, now
 from rlcore.core.worlds import act, reset
 from rlcore.policies import control, epsilon_greedy, expected_value, max_value
 
+TERMS = dict(
+    r=elementwise(), V=elementwise("r"), V_next=elementwise("r", "V"),
+    terminated=elementwise("r", "V", "V_next", kind=as_flags),
+)  # fmt: skip
+
 
 @inlined
-@checked(r=elementwise(), V_next=elementwise("r"), terminated=elementwise("r", "V_next", kind=as_flags))
+@checked(**TERMS)
 def td_target(r, V_next, gamma, terminated=False):
     """r + gamma V(s'), where an end counts 0; elementwise. eq-u-td-target corrected, eq-23"""
     return r + gamma * V_next * (1 - terminated)  # eq-u-td-target
 
 
 @inlined
-@checked(
-    r=elementwise(), V=elementwise("r"), V_next=elementwise("r", "V"),
-    terminated=elementwise("r", "V", "V_next", kind=as_flags),
-)  # fmt: skip
+@checked(**TERMS)
 def td_error(r, V, V_next, gamma, terminated=False):
     """delta = r + gamma V(s') - V(s), elementwise. om-td-error, eq-36"""
     return r + gamma * V_next * (1 - terminated) - V  # eq-36

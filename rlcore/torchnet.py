@@ -2,8 +2,8 @@
 
 import copy
 
-from rlcore.core.checks import check_dtype, checked
 from rlcore.core.extras import extra
+from rlcore.core.rules import check_dtype, checked
 from rlcore.core.samples import check_samples
 from rlcore.nn import MLP
 from rlcore.optimizers import Adam, take_step

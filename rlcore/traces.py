@@ -2,21 +2,11 @@
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    array,
-    as_flags,
-    as_integers,
-    check_rate,
-    checked,
-    choice,
-    elementwise,
-    show,
-    takes_none,
-)
+from rlcore.core.checks import as_flags, as_integers, check_rate, show
 from rlcore.core.compiled import compiled, inlined
 from rlcore.core.learner import learner, log, note, prediction
 from rlcore.core.results import WatkinsRun
+from rlcore.core.rules import anything, array, checked, choice, elementwise, takes_none
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at, now
 from rlcore.core.worlds import act, reset

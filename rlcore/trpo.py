@@ -5,19 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.core.agents import ActorCritic, make_agent
-from rlcore.core.checks import (
-    anything,
-    array,
-    check_fraction,
-    check_nonnegative,
-    check_positive,
-    checked,
-    count,
-    function_of,
-    instance,
-    rules,
-)
+from rlcore.core.checks import check_fraction, check_nonnegative, check_positive
 from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
+from rlcore.core.rules import anything, array, checked, count, function_of, instance, rules
 from rlcore.core.samples import finite_numbers
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data

@@ -6,18 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.bellman import expected_visits, q_from_v, solve_policy
-from rlcore.core.checks import (
-    array,
-    as_floats,
-    check_finite,
-    check_fraction,
-    check_nonnegative,
-    check_positive,
-    checked,
-    finite,
-    function_of,
-    instance,
-)
+from rlcore.core.checks import as_floats, check_finite, check_fraction, check_nonnegative, check_positive, finite
+from rlcore.core.rules import array, checked, function_of, instance
 from rlcore.core.samples import numbers
 from rlcore.neurons import softmax
 

@@ -16,8 +16,9 @@ import rlcore
 from rlcore.mdp import FiniteMDP, rollout, uniform_policy
 
 LEFT_OUT = {  # what no user calls: the ground that the others stand on, and what only draws or declares
-    "rlcore.core.checks", "rlcore.core.chains", "rlcore.core.compiled", "rlcore.core.extras", "rlcore.core.learner",
-    "rlcore.core.outcomes", "rlcore.core.results", "rlcore.core.samples", "rlcore.core.sampling", "rlcore.core.worlds",
+    f"rlcore.core.{name}"
+    for name in ("chains", "checks", "compiled", "extras", "learner", "outcomes", "results", "rules", "samples",
+                 "sampling", "worlds")
 }  # fmt: skip
 BAD = {
     "None": None, "NaN": np.nan, "infinity": np.inf, "minus infinity": -np.inf, "text": "text", "digits": "1",

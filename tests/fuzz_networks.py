@@ -3,6 +3,7 @@
 import tempfile
 from concurrent.futures import Executor, Future
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from fuzz import env_of, job, network, tensors, torch_net
@@ -281,4 +282,31 @@ WIDE = {
         labels=lambda: dict(choices="c"),
     ),
 }  # fmt: skip
-CALLS = NEURONS | NETWORKS | POLICIES | LEARNERS | AGENTS | REGIONS | LOSSES | WIDE
+
+
+def row56():
+    setting = dict(baseline="time", hidden=16.0, lr=0.01, gamma=0.99)
+    return setting | dict(solved=150.0, last=190.0, steps=9e4, blocks="20 30.5")
+
+
+STUDIES = {
+    "studies.ch06.load_digits_28": dict(size=lambda: 8),
+    "studies.ch07.solved": dict(lengths=lambda: np.full(120, 200.0)),
+    "studies.ch07.runs": dict(rows=lambda: [row56()]),
+    "studies.ch07.bluff_values": dict(x=lambda: 0.3, y=lambda: 0.6),
+    "studies.ch07.bluff_guarantee": dict(x=lambda: 0.3),
+    "studies.ch07.bluff_gradients": dict(x=lambda: 0.3, y=lambda: 0.6),
+    "studies.ch07.bluff_learning": dict(x=lambda: 0.3, y=lambda: 0.6),
+    "studies.ch08.supervised_logprob_grad": dict(net=mlp),
+    "studies.ch08.supervised_logprob_step": dict(net=mlp),
+    "studies.ch08.episode_outcome_pg": dict(features=lambda: np.eye(3)),
+    "studies.ch08.label_bandit": dict(n_classes=lambda: 2),
+    "studies.ch08.factorise": dict(
+        ratings=D, known=lambda: np.array([[True, False], [True, True]]), items=lambda: np.ones((2, 1))
+    ),
+    "studies.ch08.recommend": dict(truth=D, n_rounds=lambda: 2),
+    "studies.figure61.scores": dict(rows=lambda: [dict(task="Hopper", setting="none", seed=0.0, score=1.0)]),
+    "studies.figure61.rank_correlation": dict(x=TWO, y=TWO),
+    "studies.tables.read": dict(path=lambda: Path(__file__).parents[1] / "book" / "data" / "figure56.csv"),
+}
+CALLS = NEURONS | NETWORKS | POLICIES | LEARNERS | AGENTS | REGIONS | LOSSES | WIDE | STUDIES

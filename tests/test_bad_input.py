@@ -10,19 +10,22 @@ from worlds import awkward, loop, stay_or_go
 
 from rlcore import bellman, dp, envs, mdp, td, traces
 from rlcore.batch import batch_td
-from rlcore.core.checks import anything, as_floats, check_count, check_rate, checked
+from rlcore.core.checks import as_floats, check_count, check_rate
 from rlcore.core.learner import learner
+from rlcore.core.rules import anything, checked
 from rlcore.core.schedules import check_schedule, decaying
 from rlcore.mdp import FiniteMDP, uniform_policy
 from rlcore.monte_carlo import mc_prediction
+from rlcore.mpc import linear_dynamics
 from rlcore.nstep import n_step_td
-from rlcore.planning import dyna_q
+from rlcore.planning import Transitions, dyna_q, replay
 from rlcore.policies import softmax_policy
 from rlcore.policy_gradient import gradient_ascent
 from rlcore.reinforce import reinforce
 from rlcore.solver import solve
 from rlcore.studies.ch02 import cost_of_a_sweep, td0_groups
-from rlcore.studies.ch03 import reinforce_linear, spread_updates
+from rlcore.studies.ch03 import reinforce_linear, spread_updates, trajectories, trajectory_probability
+from rlcore.studies.ch04 import first_updates, repeat
 from rlcore.studies.ch07 import bluff_learning
 
 ROBOT = envs.recycling_robot()  # 2 states, 3 actions; action 2 is not legal in state 0
@@ -321,6 +324,71 @@ CASES = {
     "walk of no states": (lambda: envs.random_walk(0), "n: got 0", "at least 1"),
     "walk with three rewards": (lambda: envs.random_walk(5, rewards=(0, 1, 2)), "rewards: got [0. 1. 2.]", "two"),
     "walk from the end": (lambda: envs.random_walk(5, start=0), "start: puts probability on a terminal state", "0"),
+    "grid beyond memory": (lambda: envs.gridworld(10**6, 10**6), "n_cols: needs an array of 1000000 x", "at most"),
+    "maze beyond memory": (
+        lambda: envs.maze(10**4, 10**4, start=(0, 0), goals={(1, 1): 1.0}), "n_cols: needs an array of 10000 x", "most",
+    ),
+    "walk beyond memory": (lambda: envs.random_walk(10**8), "n: got 100000000", "at most 1,000,000"),
+    "long jumps": (lambda: envs.jumping_walk(10**6, 10**3), "reach: needs an array of 1000000 x 2", "at most"),
+    "dense process beyond memory": (lambda: envs.random_mdp(10**5, 2, rng=RNG), "n_states: needs an array", "at most"),
+    "sparse process beyond memory": (
+        lambda: envs.random_mdp(10**6, 2, n_next=10**3, rng=RNG), "n_next: needs an array", "at most",
+    ),
+    "branches beyond memory": (lambda: envs.branching_mdp(10**6, 10**4, rng=RNG), "n_next: needs an array", "at most"),
+    "line beyond memory": (lambda: envs.golf_line(10**9), "putter: needs an array of 1000000000", "at most"),
+    "course beyond memory": (
+        lambda: envs.golf_course(shape=(900, 900), putter=300), "putter: needs an array of 900 x 900", "at most",
+    ),
+    "wide scatter": (lambda: envs.golf_course(scatter=100), "scatter: needs an array of 341 x", "at most"),
+    "a board too large": (lambda: envs.game_values(4, 4), "cols: got 4 and 4 rows", "at most 12 cells"),
+    "states beyond memory": (outcomes((1.0, 0, 0.0), n_states=10**9), "n_states: needs an array of 1000000000", "most"),
+    "actions beyond memory": (outcomes((1.0, 0, 0.0), n_actions=10**9), "n_actions: needs an array of 1 x", "at most"),
+    "a count beyond use": (lambda: envs.gridworld(10**10, 1), "n_rows: got 10000000000", "at most 1,000,000,000"),
+    "a number beyond floats": (lambda: envs.zero_loop(reward=10**400), "reward: got 1000", "finite number"),
+    "wall that is a number": (lambda: envs.dyna_maze(walls=3), "walls: got 3", "cells (row, column)"),
+    "wall of three numbers": (lambda: envs.dyna_maze(walls=[(1, 2, 3)]), "walls: got cell (1, 2, 3)", "(row, column)"),
+    "goal that is a number": (lambda: envs.dyna_maze(goal=3), "goal: got cell 3", "(row, column)"),
+    "goals that are a list": (
+        lambda: envs.maze(2, 2, start=(0, 0), goals=[(0, 1)]), "goals: got [(0, 1)]", "{cell: reward}",
+    ),
+    "a seed below 0": (lambda: envs.MDPEnv(ROBOT).reset(seed=-1), "seed: got -1", "at least 0"),
+    "a push that is none": (
+        lambda: envs.pole_balancing(lambda x, rng: 2, 1, max_steps=5, rng=RNG), "policy: got 2", "0..1",
+    ),
+    "pushes of three": (lambda: envs.push_pole([0, 2]), "pushes: got array([0, 2])", "0 and 1"),
+    "a class for a function": (lambda: envs.balance(int, rng=RNG), "choose: got <class 'int'>", "a function of"),
+    "poles of three numbers": (lambda: envs.cartpole_step(np.zeros((2, 3)), 0), "x: got shape (2, 3)", "(..., 4)"),
+    "targets that do not fit": (
+        lambda: td.td_error([1.0, 2.0], 0.0, [1.0, 2.0, 3.0], 0.9), "V_next: got shape (3,)", "fit to [(2,), ()]",
+    ),
+    "a reward that is nan": (lambda: td.td_target(nan, 0.0, 0.9), "r: contains nan", "finite"),
+    "an end that is 2": (lambda: td.td_target(1.0, 0.0, 0.9, 2), "terminated: got 2", "True or False"),
+    "nothing to repeat": (lambda: repeat("td0", n_runs=2, rng=RNG), "method: got 'td0'", "a function of"),
+    "nothing to update": (
+        lambda: first_updates(None, ROBOT, 0.9, 1, alpha=0.1, epsilon=0.1, rng=RNG), "method: got None", "function",
+    ),
+    "too many trajectories": (lambda: trajectories(ROBOT, PI, 12), "T: got 12, makes 6^12", "at most"),
+    "a state that is not there": (
+        lambda: trajectory_probability(ROBOT, PI, [0, 2], [0, 0]), "states: got array([0, 2])", "0..1",
+    ),
+    "an action for each state": (
+        lambda: trajectory_probability(ROBOT, PI, [0, 1], [0]), "actions: got array([0])", "(2,)",
+    ),
+    "start without life": (
+        lambda: reinforce_linear(lambda rng: np.ones(1), np.add, lambda x: False, 2, 0.9, 1, alpha=0.1, rng=RNG),
+        "start: gave a state", "alive",
+    ),
+    "a scale for another state": (
+        lambda: reinforce_linear(
+            lambda rng: np.ones(2), np.add, np.all, 2, 0.9, 1, alpha=0.1, scale=[1.0, 2.0, 3.0], rng=RNG
+        ), "scale: got 3 numbers", "2 of a state",
+    ),
+    "columns of two lengths": (
+        lambda: replay(Transitions([0, 1], [0], [0.0], [1]), 2, 2, 0.9, alpha=0.1), "data: got columns", "(n,)",
+    ),
+    "a model of too few numbers": (
+        lambda: linear_dynamics(np.ones((2, 2)), [[0.0, 0.0]], [0]), "W: got shape (2, 2)", "at least one action",
+    ),
     "random process of no states": (lambda: envs.random_mdp(0, 2, rng=RNG), "n_states: got 0", "at least 1"),
     "random process from a seed": (lambda: envs.random_mdp(3, 2, rng=0), "rng: got 0", "default_rng"),
     "random process without successors": (lambda: envs.random_mdp(3, 2, n_next=0, rng=RNG), "n_next: got 0", "least 1"),

@@ -1,5 +1,7 @@
 """Finite MDPs, policies, returns and trajectories: equations (1) to (11)."""
 
+import copy
+import pickle
 from functools import cache
 
 import numpy as np
@@ -188,6 +190,70 @@ def test_arrays_are_read_only_and_typed(mdp):
         assert array.dtype == np.dtype(kind) and array.flags.c_contiguous
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0
+
+
+ARRAYS = ("next_state", "prob", "reward", "legal", "terminal", "start")
+
+
+def raw():
+    """Arrays of exactly the types that a FiniteMDP keeps, of a state 0 that leads to the end 1."""
+    return dict(
+        next_state=np.full((2, 1, 1), 1, np.int32), prob=np.ones((2, 1, 1)), reward=np.array([[[5.0]], [[0.0]]]),
+        legal=np.ones((2, 1), bool), terminal=np.array([False, True]), start=np.array([1.0, 0.0]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_what_a_caller_does_to_his_arrays_changes_nothing(name):
+    arrays = raw()
+    m, before = FiniteMDP(**arrays), FiniteMDP(**raw())
+    arrays[name][...] = 0
+    assert m == before and not np.shares_memory(getattr(m, name), arrays[name])
+    views = {key: value[:] for key, value in raw().items()}
+    views[name].flags.writeable = False  # a view that cannot be written to, of an array that can
+    m = FiniteMDP(**views)
+    views[name].base[...] = 0
+    assert m == before
+    frozen = raw()
+    frozen[name].flags.writeable = False
+    assert getattr(FiniteMDP(**frozen), name) is frozen[name]  # nobody can write to it: no copy
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))], ids=["copy", "deepcopy", "pickle"]
+)
+def test_copies_are_equal_and_read_only(again, mdp):
+    other = again(mdp)
+    assert other == mdp
+    for name in ARRAYS:
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(other, name)[...] = 0
+
+
+@pytest.mark.parametrize("state", [2**32 + 1, 2**31, -(2**32) + 1])
+def test_states_beyond_32_bits_are_refused(state):
+    with pytest.raises(ValueError, match=rf"^next_state: got .*{state}.*must be"):
+        FiniteMDP(**raw() | dict(next_state=np.array([[[state]], [[1]]])))
+    if state > 0:
+        with pytest.raises(ValueError, match="^outcomes: needs an array of|^next_state: got"):
+            FiniteMDP.from_outcomes({(0, 0): [(1.0, state, 0.0)]})
+        with pytest.raises(ValueError, match=f"^next_state: got {state} at \\(s=0, a=0, k=0\\), must be in 0..1"):
+            FiniteMDP.from_outcomes({(0, 0): [(1.0, state, 0.0)]}, n_states=2)
+
+
+def test_a_list_of_states_is_no_mask():
+    P = np.zeros((3, 1, 3))
+    P[[0, 1], 0, 2] = 1.0
+    with pytest.raises(ValueError, match=r"^terminal: got \[2, 0, 0\], must be True or False"):
+        FiniteMDP.from_arrays(P, np.zeros((3, 1)), terminal=[2, 0, 0])
+    with pytest.raises(ValueError, match="^terminal: got shape"):
+        FiniteMDP.from_arrays(P, np.zeros((3, 1)), terminal=[1])
+
+
+def test_names_are_told_apart():
+    for names in ([float("nan"), "b"], [[1], [2]], "ab", b"ab"):
+        with pytest.raises(ValueError, match="^state_names: got .*must be a sequence of names"):
+            FiniteMDP(**raw(), state_names=names)
 
 
 def test_equality_ignores_padding_and_order_of_outcomes_only():

@@ -30,19 +30,16 @@ from rlcore.envs import (
     two_state_mdp,
 )
 from rlcore.mdp import FiniteMDP, deterministic_policy, uniform_policy
+from rlcore.mpc import fit_linear_dynamics, linear_dynamics, random_shooting, simulate
 from rlcore.optimizers import gradient_descent
 from rlcore.planning import (
     Transitions,
     certainty_equivalent_control,
     dyna_q,
     estimate_model,
-    fit_linear_dynamics,
-    linear_dynamics,
     predict,
-    random_shooting,
     replay,
     sample_transitions,
-    simulate,
 )
 from rlcore.policies import epsilon_greedy, max_value, soft_greedy
 from rlcore.studies.ch03 import objective, reinforce_linear, trajectories, trajectory_probability

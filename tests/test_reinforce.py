@@ -1234,7 +1234,7 @@ def net(*sizes, **more):
         (lambda: softmax_policy(np.zeros((2, 3)), legal=np.zeros((3, 2))), "legal"),
         (lambda: grad_log_softmax(np.zeros((2, 3)), np.zeros(3), 2), "a: got 2"),
         (lambda: bluff_values(1.5, 0.5), "x: got 1.5"),
-        (lambda: bluff_learning(0.0, 0.5, 5, alpha=0.1), "x, y: got 0.0"),
+        (lambda: bluff_learning(0.0, 0.5, 5, alpha=0.1), "x: got 0.0, must be above 0 and below 1"),
         (lambda: bluff_learning(0.2, 0.5, 5, alpha=0.1, caller="me"), "caller: got 'me'"),
         (lambda: bluff_learning(0.2, 0.5, 5, alpha=-1), "alpha: got -1"),
     ],

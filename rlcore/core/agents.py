@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rlcore.core.checks import array, check_optimizer, check_positive, checked, count, finite, instance
+from rlcore.core.checks import check_positive, finite
+from rlcore.core.rules import array, check_optimizer, checked, count, instance
 from rlcore.core.samples import check_samples
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.nn import MLP, check_network, network

@@ -5,9 +5,9 @@ import types
 
 import numpy as np
 
-from rlcore.core.checks import checker, count
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
+from rlcore.core.rules import checker, count
 from rlcore.core.sampling import cumulative
 from rlcore.core.schedules import check_schedule
 from rlcore.core.worlds import run_loop, step_limit, tabular_world

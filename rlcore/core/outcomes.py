@@ -4,18 +4,8 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    array,
-    as_flags,
-    as_floats,
-    check_entries,
-    check_index,
-    checked,
-    is_number,
-    rule_of,
-    show,
-)
+from rlcore.core.checks import as_flags, as_floats, check_entries, check_index, is_number, show
+from rlcore.core.rules import anything, array, checked, rule_of
 
 INT32 = np.iinfo(np.int32)
 
@@ -27,13 +17,12 @@ def freeze(*arrays):
     return arrays
 
 
-def own(given, values, dtype=None):
-    """values, made from `given`, as a read-only array that nobody else can write to.
-
-    Raises ValueError where next_state has a number that its dtype cannot hold.
-    """
+def own(name, given, kind):
+    """kind(name, given), an array, as one that is read-only and that nobody else can write to; next_state as int32."""
+    dtype = np.int32 if name == "next_state" else None
+    values = given if type(given) is np.ndarray and given.dtype == dtype else kind(name, given)
     if dtype is not None and values.size and not INT32.min <= values.min() <= values.max() <= INT32.max:
-        raise ValueError(f"next_state: got {values.min()}..{values.max()}, must be states of the process")
+        raise ValueError(f"{name}: got {values.min()}..{values.max()}, must be states of the process")
     values = np.ascontiguousarray(values, dtype)
     made = values.base is None and values is not given and isinstance(given, (list, tuple, np.ndarray))
     return freeze(values if made or _is_frozen(values) else values.copy())[0]

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.core.checks import anything, check_count, check_flag, checked, count, instance, rules, show, takes_none
+from rlcore.core.checks import check_count, check_flag, show
 from rlcore.core.extras import extra
 from rlcore.core.results import Run
+from rlcore.core.rules import anything, checked, count, instance, rules, takes_none
 
 
 def _hidden(name, hidden, given):

@@ -58,10 +58,10 @@ def finite_numbers(name, values, given=None):
 
 def probabilities(name, values, given=None):
     """The rule of numbers in [0, 1], of any shape."""
-    values = as_floats(name, values)
-    if not ((values >= 0) & (values <= 1)).all():
+    array = as_floats(name, values)
+    if not ((array >= 0) & (array <= 1)).all():
         raise ValueError(f"{name}: got {show(values)}, must be in [0, 1]")
-    return values
+    return array
 
 
 def pair(name, values, given=None):

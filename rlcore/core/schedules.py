@@ -2,8 +2,9 @@
 
 from collections import namedtuple
 
-from rlcore.core.checks import check_flag, check_nonnegative, check_probability, check_rate, checked, is_number, show
+from rlcore.core.checks import check_flag, check_nonnegative, check_probability, check_rate, is_number, show
 from rlcore.core.compiled import compiled
+from rlcore.core.rules import checked
 
 # max(floor, first / (1 + rate n)^power) after n visits (a step size), n episodes or n steps (epsilon)
 Schedule = namedtuple("Schedule", "first rate power floor per_step")

@@ -5,9 +5,10 @@ import types
 import numpy as np
 
 from rlcore.core.chains import ends
-from rlcore.core.checks import Model, check_count, show, spaces, takes_none
+from rlcore.core.checks import Model, check_count, show, spaces
 from rlcore.core.compiled import HAVE_NUMBA, compiled
 from rlcore.core.extras import extra
+from rlcore.core.rules import takes_none
 from rlcore.core.sampling import draw, step
 
 FOREVER = np.iinfo(np.int64).max

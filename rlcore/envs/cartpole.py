@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rlcore.core.checks import as_flags, checked, finite, function_of
+from rlcore.core.checks import as_flags, finite
+from rlcore.core.rules import checked, function_of
 
 __all__ = ["balance", "cartpole_start", "cartpole_step", "cartpole_transitions", "cartpole_upright", "steps_upright"]
 

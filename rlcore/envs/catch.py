@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rlcore.core.checks import checked, show
+from rlcore.core.checks import show
+from rlcore.core.rules import checked
 from rlcore.mdp import FiniteMDP
 
 __all__ = ["CATCH_ROWS", "CATCH_COLS", "catch", "catch_pixels"]

@@ -1,6 +1,7 @@
 """Tic-tac-toe and its larger relatives, solved exactly."""
 
-from rlcore.core.checks import check_count, checked, choice, count
+from rlcore.core.checks import check_count
+from rlcore.core.rules import checked, choice, count
 from rlcore.mdp import FiniteMDP
 
 MOST_CELLS = 12  # of a board whose positions are listed: 3 x 4 has 111,973

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_entries, check_flag, checked, count, show, sized
+from rlcore.core.checks import check_count, check_entries, check_flag, show
+from rlcore.core.rules import checked, count, sized
 from rlcore.mdp import FiniteMDP
 
 SAND = tuple(

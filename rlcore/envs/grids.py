@@ -2,19 +2,9 @@
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    as_integers,
-    check_finite,
-    check_flag,
-    checked,
-    choice,
-    is_number,
-    show,
-    sized,
-    takes_none,
-)
+from rlcore.core.checks import as_integers, check_finite, check_flag, is_number, show
 from rlcore.core.outcomes import freeze
+from rlcore.core.rules import anything, checked, choice, sized, takes_none
 from rlcore.mdp import FiniteMDP
 
 __all__ = ["blocking_maze", "cliff_walking", "dyna_maze", "gridworld", "maze", "two_goal_maze", "windy_gridworld"]
@@ -29,7 +19,7 @@ WIND = (0, 0, 0, 1, 1, 1, 2, 2, 1, 0)
 def _terminals(name, cells, given):
     S = given["n_rows"] * given["n_cols"]
     cells = as_integers(name, [0, S - 1] if cells is None else cells)
-    if cells.ndim != 1 or not set(cells.tolist()) < set(range(S)):
+    if cells.ndim != 1 or np.unique(cells).size == S or ((cells < 0) | (cells >= S)).any():
         raise ValueError(f"{name}: got {cells}, must be cells in 0..{S - 1}, one cell at least left out")
     return cells
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from rlcore.core.checks import anything, checked, index, is_number, show
+from rlcore.core.checks import is_number, show
 from rlcore.core.extras import extra
+from rlcore.core.rules import anything, checked, index
 from rlcore.core.sampling import cumulative, draw
 from rlcore.envs.catch import catch, catch_pixels
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.core.checks import checked
+from rlcore.core.rules import checked
 from rlcore.mdp import FiniteMDP
 
 __all__ = ["Metered"]

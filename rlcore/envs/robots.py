@@ -11,15 +11,12 @@ from rlcore.core.checks import (
     check_positive,
     check_probability,
     check_rate,
-    checked,
-    choice,
     finite,
-    function_of,
-    rules,
     show,
 )
 from rlcore.core.extras import extra
 from rlcore.core.results import Run
+from rlcore.core.rules import checked, choice, function_of, rules
 from rlcore.mdp import FiniteMDP
 
 __all__ = [

@@ -2,19 +2,9 @@
 
 import numpy as np
 
-from rlcore.core.checks import (
-    anything,
-    check_count,
-    check_entries,
-    check_positive,
-    check_probability,
-    checked,
-    count,
-    finite,
-    sized,
-    takes_none,
-)
+from rlcore.core.checks import check_count, check_entries, check_positive, check_probability, finite
 from rlcore.core.outcomes import freeze
+from rlcore.core.rules import anything, checked, count, sized, takes_none
 from rlcore.mdp import FiniteMDP
 
 __all__ = [

@@ -7,18 +7,9 @@ from math import comb
 import numpy as np
 
 from rlcore.bellman import optimality_backup
-from rlcore.core.checks import (
-    as_integers,
-    check_count,
-    check_finite,
-    check_positive,
-    checked,
-    count,
-    rules,
-    show,
-    spaces,
-)
+from rlcore.core.checks import as_integers, check_count, check_finite, check_positive, show, spaces
 from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.rules import checked, count, rules
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at
 from rlcore.core.worlds import act, reset

@@ -5,19 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rlcore.core.checks import (
-    as_integers,
-    check_count,
-    check_positive,
-    checked,
-    choice,
-    count,
-    finite,
-    function_of,
-    show,
-)
+from rlcore.core.checks import as_integers, check_count, check_positive, finite, show
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
+from rlcore.core.rules import checked, choice, count, function_of
 from rlcore.core.sampling import draw, step
 from rlcore.mdp import discounted_returns
 from rlcore.neurons import softmax

@@ -6,17 +6,8 @@ from copy import deepcopy
 import numpy as np
 
 from rlcore.batch import episode_pairs
-from rlcore.core.checks import (
-    anything,
-    array,
-    check_count,
-    check_function,
-    check_rng,
-    check_world,
-    checked,
-    finite,
-    function_of,
-)
+from rlcore.core.checks import check_count, check_function, check_rng, check_world, finite
+from rlcore.core.rules import anything, array, checked, function_of
 from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.nstep import values_on_the_way
 

@@ -2,10 +2,28 @@
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_rng
+from rlcore.core.checks import check_count
 from rlcore.core.extras import extra
+from rlcore.core.rules import checked
+
+N_PICTURES = 1797
 
 
+def _n_train(name, n, given):
+    n = check_count(name, n)
+    if n >= N_PICTURES:
+        raise ValueError(f"{name}: got {n}, must be below {N_PICTURES}, the number of pictures")
+    return n
+
+
+def _size(name, size, given):
+    size = check_count(name, size, 2)
+    if size > 1000:
+        raise ValueError(f"{name}: got {size}, must be at most 1,000 pixels a side")
+    return size
+
+
+@checked(size=_size, n_train=_n_train)
 def load_digits_28(*, size=28, n_train=1500, rng):
     """scikit-learn's 1,797 digits of 8x8 pixels, enlarged by bilinear interpolation, in random order. fig-47, ex-digits
 
@@ -16,10 +34,7 @@ def load_digits_28(*, size=28, n_train=1500, rng):
     with extra("digits"):
         from sklearn.datasets import load_digits
 
-    size, n_train, rng = check_count("size", size, least=2), check_count("n_train", n_train), check_rng(rng)
     data = load_digits()
-    if n_train >= len(data.images):
-        raise ValueError(f"n_train: got {n_train}, must be below {len(data.images)}, the number of pictures")
     where = np.linspace(0, 7, size)  # positions of the new pixels among the old
     enlarge = np.maximum(0, 1 - np.abs(where[:, None] - np.arange(8)))  # (size, 8): linear interpolation
     x = (enlarge @ (data.images / 16) @ enlarge.T).reshape(-1, size * size).astype(np.float32)

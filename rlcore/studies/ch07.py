@@ -4,7 +4,9 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import as_floats, check_count, check_probability, check_rng, is_number
+from rlcore.core.checks import as_floats, check_flag, check_fraction, check_positive, check_probability, show
+from rlcore.core.rules import anything, checked, choice, count
+from rlcore.core.samples import probabilities
 from rlcore.nn import MLP
 from rlcore.optimizers import Adam
 from rlcore.reinforce import reinforce_network
@@ -13,28 +15,49 @@ STEPS, WINDOW, ENOUGH = 200, 100, 195
 Runs = namedtuple("Runs", "solved last steps blocks")
 
 
+@checked(baseline=anything, hidden=count(), stop=check_flag)
 def train(n_episodes, *, baseline="time", hidden=16, lr=0.01, gamma=0.99, stop=False, rng):
     """Run of `reinforce_network` on CartPole-v1, cut at 200 steps: hidden tanh neurons, Adam(lr). fig-56, ex-cartpole
 
     baseline: as there. stop: at the end of the first 100 episodes that average 195, or after n_episodes.
     """
-    lengths, net = [], MLP([4, hidden, 2], optimizer=Adam(lr), rng=check_rng(rng))
+    lengths, net = [], MLP([4, hidden, 2], optimizer=Adam(lr), rng=rng)
 
     def on_episode(length, _):
         lengths.append(length)
-        return stop and solved(lengths[-WINDOW:]) is not None
+        return stop and solved.unchecked(lengths[-WINDOW:]) is not None
 
     settings = dict(baseline=baseline, max_steps=STEPS, net=net, on_episode=on_episode)
     return reinforce_network("CartPole-v1", gamma, n_episodes, **settings, rng=rng)
 
 
+def _lengths(name, lengths, given):
+    lengths = as_floats(name, lengths)
+    if lengths.ndim != 1 or not (lengths >= 0).all():
+        raise ValueError(f"{name}: got {show(lengths)}, must be (n,) numbers of steps")
+    return lengths
+
+
+@checked(lengths=_lengths)
 def solved(lengths):
     """First of the first 100 episodes that average 195 steps, from 1; None where never. lengths: (n,). fig-56"""
-    total = np.append(0, np.cumsum(as_floats("lengths", lengths)))
+    total = np.append(0, np.cumsum(lengths))
     found = np.flatnonzero(total[WINDOW:] - total[:-WINDOW] >= ENOUGH * WINDOW)
     return int(found[0]) + 1 if found.size else None
 
 
+BASELINES = ("none", "time", "value", "normalised")
+
+
+def _rows(name, rows, given):
+    """The rule of a table of runs."""
+    columns = {"baseline", "hidden", "lr", "gamma", "solved", "last", "steps", "blocks"}
+    if not isinstance(rows, list) or not all(isinstance(row, dict) and columns <= set(row) for row in rows):
+        raise ValueError(f"{name}: got {show(rows)}, must be a table of runs, as rlcore.tables.read gives it")
+    return rows
+
+
+@checked(rows=_rows, baseline=choice(*BASELINES), hidden=count())
 def runs(rows, *, baseline="time", hidden=16, lr=0.01, gamma=0.99):
     """The table's runs of a setting, n of 1,000 episodes, one a seed. fig-56
 
@@ -53,6 +76,17 @@ def runs(rows, *, baseline="time", hidden=16, lr=0.01, gamma=0.99):
 POT, BET = 2.0, 1.0
 
 
+def _with_x(name, y, given):
+    """The rule of numbers in [0, 1] beside x."""
+    y = probabilities(name, y)
+    try:
+        np.broadcast_shapes(y.shape, given["x"].shape)
+    except ValueError:
+        raise ValueError(f"{name}: got shape {y.shape}, must be a number or that of x, {given['x'].shape}") from None
+    return y
+
+
+@checked(x=probabilities, y=_with_x)
 def bluff_values(x, y):
     """Expected gain of the bettor, who bluffs with probability x while the other calls with probability y. ex-bluff
 
@@ -60,28 +94,32 @@ def bluff_values(x, y):
     (bluffs) or checks and loses the pot. Equilibrium: x = 1/3, y = 2/3, value 4/3. x, y: numbers or arrays in [0, 1].
     Source: von Neumann and Morgenstern (1944), chapter 19, in spirit.
     """
-    x, y = _probabilities(x=x, y=y)
     good = y * (POT + BET) + (1 - y) * POT
     bad = x * (-y * BET + (1 - y) * POT)
     return 0.5 * good + 0.5 * bad
 
 
+@checked(x=probabilities)
 def bluff_guarantee(x):
     """What bluffing with probability x gains against the caller who does best against it. ex-bluff"""
     return np.minimum(bluff_values(x, 0.0), bluff_values(x, 1.0))
 
 
+@checked(x=probabilities, y=_with_x)
 def bluff_gradients(x, y):
     """Derivatives of each player's own gain with respect to its preference for bluffing, for calling. ex-bluff
 
     Both are softmax policies of two actions: x = 1 / (1 + exp(-theta)), and y alike.
     """
-    x, y = _probabilities(x=x, y=y)
     d_x = 0.5 * (POT - y * (POT + BET))
     d_y = -0.5 * (BET - x * (POT + BET))
     return x * (1 - x) * d_x, y * (1 - y) * d_y
 
 
+@checked(
+    x=check_fraction, y=check_fraction, alpha=check_positive, epsilon=check_probability,
+    caller=choice("gradient", "best"),
+)  # fmt: skip
 def bluff_learning(x, y, n_steps, *, alpha, epsilon=None, caller="gradient"):
     """Both players learn with exact gradients, the bettor first: (n_steps + 1, 2) probabilities x, y. ex-bluff, cl-102
 
@@ -90,32 +128,16 @@ def bluff_learning(x, y, n_steps, *, alpha, epsilon=None, caller="gradient"):
     1 - epsilon / 2; alpha does not matter then. Of two learning players the policies circle the equilibrium; their mean
     goes to it. Against the best caller x itself does, up to alpha.
     """
-    if caller not in ("gradient", "best"):
-        raise ValueError(f'caller: got {caller!r}, allowed are "gradient" and "best"')
-    if not is_number(alpha) or not 0 < alpha < np.inf:
-        raise ValueError(f"alpha: got {alpha!r}, must be a number above 0")
-    epsilon = None if epsilon is None else check_probability("epsilon", epsilon)
-    x, y = _probabilities(x=x, y=y)
-    if not (0 < x < 1 and 0 < y < 1):
-        raise ValueError(f"x, y: got {x}, {y}, must be inside (0, 1): at the ends the gradient is 0")
     theta, history = [np.log(p / (1 - p)) for p in (x, y)], [(x, y)]
-    for _ in range(check_count("n_steps", n_steps)):
+    for _ in range(n_steps):
         for player in (0, 1):
-            slope = bluff_gradients(x, y)[player]
+            slope = bluff_gradients.unchecked(x, y)[player]
             theta[player] += alpha * slope
             p = 1 / (1 + np.exp(-theta[player]))
             if epsilon is not None:
                 p = 1 - epsilon / 2 if slope > 0 else epsilon / 2
             if player == 1 and caller == "best":
-                p = float(bluff_values(x, 1.0) < bluff_values(x, 0.0))
+                p = float(bluff_values.unchecked(x, 1.0) < bluff_values.unchecked(x, 0.0))
             x, y = (p, y) if player == 0 else (x, p)
         history.append((x, y))
     return np.array(history, float)
-
-
-def _probabilities(**values):
-    for name, p in values.items():
-        values[name] = p = as_floats(name, p)
-        if not ((p >= 0) & (p <= 1)).all():
-            raise ValueError(f"{name}: got {p}, must be in [0, 1]")
-    return values.values()

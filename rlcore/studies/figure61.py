@@ -4,7 +4,8 @@ from collections import namedtuple
 
 import numpy as np
 
-from rlcore.core.checks import check_count, check_rng
+from rlcore.core.checks import as_floats, check_finite, check_index, finite, show
+from rlcore.core.rules import checked
 
 TASKS = ["HalfCheetah", "Hopper", "InvertedDoublePendulum", "InvertedPendulum", "Reacher", "Swimmer", "Walker2d"]
 
@@ -29,6 +30,21 @@ RANDOM = "random"
 Line = namedtuple("Line", "setting published ours low high runs rank_published rank_ours")
 
 
+def _rows(name, rows, given):
+    """The rule of a table of runs: of settings and tasks that are known, each with a seed and a score or None."""
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise ValueError(f"{name}: got {show(rows)}, must be a list of rows, as rlcore.tables.read gives them")
+    for row in rows:
+        for column, known in (("setting", [RANDOM, *SETTINGS]), ("task", TASKS)):
+            if row.get(column) not in known:
+                raise ValueError(f"{column}: got {row.get(column)!r}, must be one of {', '.join(known)}")
+        check_index("seed", row.get("seed"), 10_000)
+        if row.get("score") is not None:
+            check_finite("score", row["score"])
+    return rows
+
+
+@checked(rows=_rows)
 def scores(rows):
     """Score of every run, (11 settings, 7 tasks, n seeds): 0 for the random policy, 1 for the best run of the task.
 
@@ -38,9 +54,6 @@ def scores(rows):
     names, n_seeds = [RANDOM, *SETTINGS], 1 + max((int(row["seed"]) for row in rows), default=0)
     table = np.full((len(names), len(TASKS), n_seeds), np.nan)
     for row in rows:
-        for column, known in (("setting", names), ("task", TASKS)):
-            if row[column] not in known:
-                raise ValueError(f"{column}: got {row[column]!r}, must be one of {', '.join(known)}")
         place = names.index(row["setting"]), TASKS.index(row["task"]), int(row["seed"])
         table[place] = np.nan if row["score"] is None else row["score"]
     for k in range(len(TASKS)):
@@ -55,11 +68,27 @@ def scores(rows):
 
 def _whole(table):
     """Which tasks count: those with at least one run of every setting."""
-    if np.ndim(table) != 3:
-        raise ValueError(f"table: got shape {np.shape(table)}, must be (settings, tasks, seeds), as scores gives it")
     return (~np.isnan(table)).any(axis=2).all(axis=0)
 
 
+def _table(name, table, given):
+    """The rule of scores (settings, tasks, seeds), NaN where a run is missing."""
+    table = as_floats(name, table)
+    if table.ndim != 3 or 0 in table.shape[:2]:
+        raise ValueError(f"{name}: got shape {table.shape}, must be (settings, tasks, seeds), as scores gives it")
+    if np.isinf(table).any():
+        raise ValueError(f"{name}: contains infinity, must be scores, NaN where a run is missing")
+    return table
+
+
+def _of_settings(name, table, given):
+    table = _table(name, table, given)
+    if len(table) != len(SETTINGS):
+        raise ValueError(f"{name}: got shape {table.shape}, must be ({len(SETTINGS)}, tasks, seeds)")
+    return table
+
+
+@checked(table=_table)
 def average(table):
     """Mean score of each setting over seeds, then over the tasks that have a run of every setting, (11,). fig-61
 
@@ -69,12 +98,14 @@ def average(table):
     return np.nanmean(whole, axis=2).mean(axis=1) if whole.size else np.full(len(table), np.nan)
 
 
+@checked(table=_table)
 def by_seed(table):
     """Mean score of each setting and seed over the tasks that count, (11, n seeds); NaN where one of its runs lacks."""
     whole = table[:, _whole(table)]
     return whole.mean(axis=1) if whole.size else np.full((len(table), table.shape[2]), np.nan)
 
 
+@checked(table=_of_settings)
 def comparison(table):
     """A Line for each setting: published and our score, lowest and highest seed, number of runs, ranks, 1 for the best.
 
@@ -82,38 +113,52 @@ def comparison(table):
 
     table: (11, 7, n seeds) from `scores`.
     """
+    from scipy.stats import rankdata
+
     ours, seeds, runs = average(table), by_seed(table), (~np.isnan(table)).sum(axis=(1, 2))
     low, high = np.fmin.reduce(seeds, axis=1), np.fmax.reduce(seeds, axis=1)
-    ranks = _ranks(-PUBLISHED), _ranks(-ours) if np.isfinite(ours).all() else ours
+    ranks = rankdata(-PUBLISHED), rankdata(-ours, nan_policy="propagate")
     return [Line(*line) for line in zip(SETTINGS, PUBLISHED, ours, low, high, runs, *ranks)]
 
 
+def _differ(name, values, given):
+    """The rule of numbers that have ranks: two at least, not all equal along the last axis."""
+    values = finite(name, values)
+    if values.ndim < 1 or values.shape[-1] < 2:
+        raise ValueError(f"{name}: got shape {values.shape}, must be (..., n), n at least 2")
+    if (values == values[..., :1]).all(axis=-1).any():
+        raise ValueError(f"{name}: got values that are all equal, must differ, or they have no order")
+    return values
+
+
+def _one_order(name, y, given):
+    y, x = _differ(name, y, given), given["x"]
+    if y.ndim != 1 or x.shape[-1:] != y.shape:
+        raise ValueError(f"x: got shape {x.shape} with y {y.shape}, must be (..., n) and (n,), n at least 2")
+    return y
+
+
+@checked(x=_differ, y=_one_order)
 def rank_correlation(x, y):
     """Spearman's rank correlation of the last axes, equal values sharing their mean rank. fig-61
 
     x: (..., n). y: (n,). Returns (...): 1 for the same order, -1 for the reverse. Source: Spearman (1904).
     """
-    x, y = np.asarray(x, float), np.asarray(y, float)
-    if y.ndim != 1 or y.size < 2 or x.shape[-1:] != y.shape:
-        raise ValueError(f"x: got shape {x.shape} with y {y.shape}, must be (..., n) and (n,), n at least 2")
-    a, b = _ranks(x), _ranks(y)
+    from scipy.stats import rankdata
+
+    a, b = rankdata(x, axis=-1), rankdata(y)
     a, b = a - a.mean(axis=-1, keepdims=True), b - b.mean()
     return (a * b).sum(axis=-1) / np.sqrt((a**2).sum(axis=-1) * (b**2).sum())
 
 
-def _ranks(x):
-    """Ranks along the last axis, 1 for the least; equal values share their mean rank."""
-    below, upto = x[..., None, :] < x[..., None], x[..., None, :] <= x[..., None]
-    return (below.sum(axis=-1) + upto.sum(axis=-1) + 1) / 2
-
-
+@checked(table=_table)
 def bootstrap(table, n, *, rng):
     """Averages of n tables drawn from this one, (n, 11): its tasks and, within each, the seeds of a setting, with
     replacement. fig-61
 
     table: (11, 7, n seeds) from `scores`. Source: Efron and Tibshirani (1993).
     """
-    n, rng, whole = check_count("n", n), check_rng(rng), table[:, _whole(table)]
+    whole = table[:, _whole(table)]
     settings, tasks, seeds = whole.shape
     if not tasks:
         raise ValueError("table: got no task with a run of every setting, must have one at least")

@@ -3,23 +3,34 @@
 import csv
 from pathlib import Path
 
+from rlcore.core.checks import show
+from rlcore.core.rules import checked
 
+
+def _path(name, path, given):
+    if not isinstance(path, str | Path) or Path(path).is_dir():
+        raise ValueError(f"{name}: got {show(path)}, must be the name of a file")
+    return Path(path)
+
+
+@checked(path=_path)
 def read(path):
     """Rows of a table of runs, [{column: value}]: numbers as float, None where there is none; [] where no file is.
 
     Lines that begin with # say where the numbers come from. fig-56, fig-61
     """
-    if not isinstance(path, str | Path):
-        raise ValueError(f"path: got {path!r}, must be the name of a file")
-    if not Path(path).exists():
+    if not path.exists():
         return []
     with open(path, newline="", encoding="utf-8") as file:
         rows = csv.DictReader(line for line in file if not line.startswith("#"))
-        return [{key: _value(text) for key, text in row.items()} for row in rows]
+        rows = [{key: _value(text) for key, text in row.items()} for row in rows]
+    if any(None in row for row in rows):
+        raise ValueError(f"path: {path} has a row longer than the first, must be a table")
+    return rows
 
 
 def _value(text):
     try:
         return float(text) if text else None
-    except ValueError:
+    except (ValueError, TypeError):
         return text

@@ -11,9 +11,10 @@ from sphinx.util.docutils import SphinxDirective
 from companion import ledger, repository
 
 ORDER = [
-    "mdp", "bellman", "dp", "solver", "planning", "monte_carlo", "td", "batch", "nstep", "traces", "neurons", "nn",
-    "optimizers", "torchnet", "policies", "policy_gradient", "reinforce", "actor_critic", "gae", "trust_region", "ppo",
-    "trpo", "losses", "schedules", "explore", "sweep", "envs", "plots", "core", "studies",
+    "mdp", "bellman", "dp", "solver", "planning", "mpc", "monte_carlo", "td", "batch", "nstep", "traces",
+    "neurons", "nn", "optimizers", "torchnet", "policies", "distributions", "policy_gradient", "reinforce",
+    "actor_critic", "gae", "trust_region", "ppo", "trpo", "losses", "explore", "sweep", "envs", "plots", "core",
+    "studies",
 ]  # fmt: skip
 MENTION = re.compile(r"\b(?:eq|fig|tab|alg|ex|cl|om)-[a-z0-9-]*[a-z0-9]\b")
 
