@@ -34,7 +34,7 @@ def _ended(name, episodes, given):
     episodes = list(episodes) if hasattr(episodes, "__iter__") and not isinstance(episodes, (str, bytes)) else episodes
     pairs = episode_pairs(name, episodes, given)
     for i, (episode, (states, rewards)) in enumerate(zip(episodes, pairs)):
-        if getattr(episode, "terminated", True) is False:
+        if not getattr(episode, "terminated", True):
             raise ValueError(f"{name}: number {i} was cut before its end, must run to a terminal state")
         if states.size != rewards.size + 1:
             sizes = f"{states.shape} states and {rewards.shape} rewards"

@@ -264,7 +264,7 @@ def _first_state(name, s, given):
     return check_index(name, s, check_world("world", given["world"]).n_states)
 
 
-@learner(lambda given, *found: Trajectory(*found), s=_first_state)
+@learner(lambda given, s, a, r, terminated: Trajectory(s, a, r, bool(terminated)), s=_first_state)
 def rollout(world, pi, n_steps, *, s=None, rng):
     """Follow pi for n_steps or to a terminal state. eq-u-trajectory, fig-1, alg-rollout
 

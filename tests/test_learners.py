@@ -314,7 +314,13 @@ def test_visits_make_the_averages(name):
 def test_the_loop_updates_by_the_td_error_of_the_page(learn):
     body = inspect.unwrap(learn.loop)
     assert "td_error" in body.__code__.co_names and body.__globals__["td_error"] is td_error
-    assert "td_target" in td_error.__code__.co_names and td_error.__globals__["td_target"] is td_target
+    for r, V, V_next, terminated in rng().normal(size=(20, 4)):
+        error = td_target(r, V_next, 0.9, terminated > 0) - V
+        assert (
+            td_error(r, V, V_next, 0.9, terminated > 0)
+            == td_error.unchecked(r, V, V_next, 0.9, terminated > 0)
+            == error
+        )
 
 
 @pytest.mark.parametrize("name", LEARNERS)

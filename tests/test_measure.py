@@ -110,12 +110,12 @@ def test_what_cannot_be_measured_is_refused():
     for V, episode, gamma, says in (
         ([0.0, np.nan], ([0, 1], [3.0]), 0.9, "V: contains nan, must be finite"),
         ("ab", ([0, 1], [3.0]), 0.9, "V: got 'ab', must be numbers"),
-        ([0.0, 1.0], ([0.0, 1.0], [3.0]), 0.9, "states: got dtype float64, must be integers"),
-        ([0.0, 1.0], ([0, -1], [3.0]), 0.9, r"states: got .*, must be .T,. or .T . 1,. states from 0 on"),
+        ([0.0, 1.0], ([0.0, 1.0], [3.0]), 0.9, "episodes: got dtype float64, must be integers"),
+        ([0.0, 1.0], ([0, -1], [3.0]), 0.9, "episodes: number 0 is .*, must be states from 0 on"),
         ([0.0, 1.0], ([0, 2], [3.0]), 0.9, r"states: got .* states in 0\.\.1"),
-        ([0.0, 1.0], ([0, 1], [np.inf]), 0.9, "rewards: contains inf, must be finite"),
-        ([0.0, 1.0], ([0, 1], ["a"]), 0.9, "rewards: got .*, must be numbers"),
-        ([0.0, 1.0], ([0, 1], []), 0.9, r"rewards: got shape .0,., must be .T,. with T at least 1"),
+        ([0.0, 1.0], ([0, 1], [np.inf]), 0.9, "episodes: contains inf, must be finite"),
+        ([0.0, 1.0], ([0, 1], ["a"]), 0.9, "episodes: got .*, must be numbers"),
+        ([0.0, 1.0], ([0, 1], []), 0.9, "episodes: number 0 is .*, and T rewards, T at least 1"),
         ([0.0, 1.0], ([0, 1], [3.0]), 1.5, "gamma: got 1.5"),
     ):
         with pytest.raises(ValueError, match=f"^{says}"):

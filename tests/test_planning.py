@@ -775,6 +775,8 @@ def test_bad_arguments_of_dyna_q(options, name):
     (lambda d: cartpole_reinforce(1, alpha=0.0), "alpha"),
     (lambda d: trajectories(two_state_mdp(), np.full((2, 2), 0.5), 0), "T"),
     (lambda d: trajectory_probability(two_state_mdp(), np.full((2, 2), 0.5), [0], [0, 1]), "actions"),
+    (lambda d: trajectory_probability(two_state_mdp(), np.full((2, 2), 0.5), [], []), "states"),
+    (lambda d: trajectory_probability(two_state_mdp(), np.full((2, 2), 0.5), [[0]], [[0]]), "states"),
 ])  # fmt: skip
 def test_bad_arguments(call, name):
     data = Transitions(*map(np.array, ([0], [1], [0.0], [1])))

@@ -374,6 +374,8 @@ BAD_BATCHES = [
     (dict(episodes=[([0, 2], ["a"])]), "episodes"),
     (dict(episodes=[([0, 1], [1.0]), ([1, 2], [1.0])]), "episodes"),  # 1 ends and goes on
     (dict(episodes=[Trajectory(np.array([0, 1]), np.array([0]), np.array([1.0]), False)]), "episodes"),
+    (dict(episodes=[Trajectory(np.array([0, 1]), np.array([0]), np.array([1.0]), np.False_)]), "episodes"),
+    (dict(episodes=[rollout(random_walk(5), np.ones((7, 1)), 1, rng=rng())], n_states=7), "episodes"),
     (dict(n_states=0), "n_states"),
     (dict(gamma=1.1), "gamma"),
 ]
