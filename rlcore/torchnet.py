@@ -10,7 +10,8 @@ from rlcore.optimizers import Adam, take_step
 
 
 def _module(name, module, given):
-    import torch
+    with extra("deep"):
+        import torch
 
     if not isinstance(module, torch.nn.Module):
         raise ValueError(f"{name}: got {type(module).__name__}, must be a torch.nn.Module")

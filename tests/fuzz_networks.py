@@ -67,7 +67,6 @@ NETWORKS = {
     "optimizers.SGD.update": dict(self=sgd_net, **THETA),
     "optimizers.GradientDescent.update": dict(self=sgd_net, **THETA),
     "optimizers.Adam.update": dict(self=adam, **THETA),
-    "optimizers.take_step": dict(gradient=STEP),
     "optimizers.gradient_descent": dict(gradient=lambda: lambda v: v, v=lambda: 1.0),
     "torchnet.TorchNet": dict(module=module, optimizer=adam),
     "torchnet.TorchNet.like": dict(mlp=mlp),

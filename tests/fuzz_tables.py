@@ -101,14 +101,14 @@ CALLS = {
     "nstep.n_step_return": {"t": lambda: 0},
     "planning.dyna_q": {"n_planning": lambda: 2, "change": lambda: (3, MDP)},
     "planning.estimate_model": {"legal": lambda: MDP.legal, "terminal": lambda: [2], "start": lambda: 0},
-    "planning.fit_linear_dynamics": {"a": lambda: [0, 1], "x_next": lambda: [[0.1], [1.1]]} | LINE,
-    "planning.linear_dynamics": {"W": lambda: np.ones((3, 1)), "a": lambda: [0, 1]} | LINE,
+    "mpc.fit_linear_dynamics": {"a": lambda: [0, 1], "x_next": lambda: [[0.1], [1.1]]} | LINE,
+    "mpc.linear_dynamics": {"W": lambda: np.ones((3, 1)), "a": lambda: [0, 1]} | LINE,
     "planning.predict": {"run": planned, "a": lambda: 0},
-    "planning.random_shooting": LINE | {
+    "mpc.random_shooting": LINE | {
         "cost": lambda: lambda x: (x**2).sum(axis=1), "x": lambda: [0.5], "horizon": lambda: 2,
         "n_candidates": lambda: 3,
     },
-    "planning.simulate": LINE | {"actions": lambda: [[0, 1], [1, 1]]},
+    "mpc.simulate": LINE | {"actions": lambda: [[0, 1], [1, 1]]},
     "studies.ch02.best_with_club": {"mdp": lambda: GOLF, "club": lambda: "putter", "Q": lambda: np.zeros((5, 3))},
     "studies.ch02.board_states": {"rows": lambda: 2, "cols": lambda: 2},
     "studies.ch02.cost_of_a_sweep": {"n_states": lambda: 1e20},

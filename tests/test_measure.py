@@ -111,11 +111,16 @@ def test_what_cannot_be_measured_is_refused():
         ([0.0, np.nan], ([0, 1], [3.0]), 0.9, "V: contains nan, must be finite"),
         ("ab", ([0, 1], [3.0]), 0.9, "V: got 'ab', must be numbers"),
         ([0.0, 1.0], ([0.0, 1.0], [3.0]), 0.9, "episodes: got dtype float64, must be integers"),
-        ([0.0, 1.0], ([0, -1], [3.0]), 0.9, "episodes: number 0 is .*, must be states from 0 on"),
+        ([0.0, 1.0], ([0, -1], [3.0]), 0.9, "states: got .*, must be .* states in 0..1"),
         ([0.0, 1.0], ([0, 2], [3.0]), 0.9, r"states: got .* states in 0\.\.1"),
         ([0.0, 1.0], ([0, 1], [np.inf]), 0.9, "episodes: contains inf, must be finite"),
         ([0.0, 1.0], ([0, 1], ["a"]), 0.9, "episodes: got .*, must be numbers"),
-        ([0.0, 1.0], ([0, 1], []), 0.9, "episodes: number 0 is .*, and T rewards, T at least 1"),
+        (
+            [0.0, 1.0],
+            ([0, 1], []),
+            0.9,
+            "episodes: number 0 has .* states and .* rewards, must be lists, with a reward at least",
+        ),
         ([0.0, 1.0], ([0, 1], [3.0]), 1.5, "gamma: got 1.5"),
     ):
         with pytest.raises(ValueError, match=f"^{says}"):

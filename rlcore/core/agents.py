@@ -92,7 +92,11 @@ class ActorCritic:
 
     def likeliest(self, observation):
         """The likeliest action for one observation (d,): a number, or (A,)."""
-        policy = self.policy(finite("observation", observation)[None])
+        x = finite("observation", observation)
+        try:
+            policy = self.policy(x[None])
+        except ValueError:
+            raise ValueError(f"observation: got shape {x.shape}, must be (d,), as the network takes it") from None
         return int(policy.logits[0].argmax()) if self.log_std is None else policy.mean[0]
 
     def step(self, d_policy, d_values):

@@ -222,17 +222,29 @@ def checked(function=None, /, **special):
 
     @functools.wraps(function)
     def call(*args, **kwargs):
+        return function(**check(*args, **kwargs))
+
+    @functools.wraps(function)
+    def call_with_others(*args, **kwargs):
         given = inspect.BoundArguments(signature, check(*args, **kwargs))
         return function(*given.args, **given.kwargs)
+
+    call = call_with_others if takes_others(signature) else call
 
     call.unchecked = function
     return call
 
 
+def takes_others(signature):
+    """Whether a function takes arguments beyond those that it names."""
+    kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    return any(parameter.kind in kinds for parameter in signature.parameters.values())
+
+
 def checker(function, special):
     """A function of the same arguments that returns them as they come out of their rules, {name: value}."""
     signature = inspect.signature(function)
-    parameters = signature.parameters.values()
+    parameters, others = signature.parameters.values(), takes_others(signature)
     every = {parameter.name: parameter.default for parameter in parameters}
     required = {parameter.name for parameter in parameters if parameter.default is parameter.empty}
     positional = [parameter.name for parameter in parameters if parameter.kind != parameter.KEYWORD_ONLY]
@@ -245,11 +257,13 @@ def checker(function, special):
 
     def check(*args, **kwargs):
         given = dict(zip(positional, args)) | kwargs  # signature.bind takes 10 us
-        if len(given) < len(args) + len(kwargs) or not required <= given.keys() <= every.keys():
+        if others or len(given) < len(args) + len(kwargs) or not required <= given.keys() <= every.keys():
             try:
-                signature.bind(*args, **kwargs)
+                bound = signature.bind(*args, **kwargs)
             except TypeError as error:
                 raise TypeError(f"{function.__qualname__}() {error}") from None
+            bound.apply_defaults()
+            given = bound.arguments
         given = every | given
         for name, rule, optional in rules:
             if rule is not None and not (optional and given[name] is None):

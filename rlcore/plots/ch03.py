@@ -18,7 +18,7 @@ FAMILY = {
     "model learned": [
         ("certainty equivalence", "rlcore.planning.certainty_equivalent_control", "3.2"),
         ("Dyna-Q", "rlcore.planning.dyna_q", "3.2"),
-        ("random shooting", "rlcore.planning.random_shooting", "3.2"),
+        ("random shooting", "rlcore.mpc.random_shooting", "3.2"),
     ],
     "model-free, by values": [
         ("Monte Carlo", "rlcore.monte_carlo.mc_prediction", "4.1"),
