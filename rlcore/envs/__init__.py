@@ -9,9 +9,11 @@ from rlcore.envs.meter import *  # noqa: F403
 from rlcore.envs.robots import *  # noqa: F403
 from rlcore.envs.small import *  # noqa: F403
 
+ENVIRONMENTS = ("Catch", "MDPEnv")
+
 
 def __getattr__(name):
-    if name in ("Catch", "MDPEnv"):  # gymnasium takes 0.3 s to import: only who asks for it pays
+    if name in ENVIRONMENTS:  # gymnasium takes 0.3 s to import: only who asks for it pays
         from rlcore.envs import gym
 
         return getattr(gym, name)

@@ -32,7 +32,8 @@ def modules():
 
 def public(module):
     """What a module offers: its own functions and classes, and what a package gathers from its parts."""
-    for name, thing in vars(module).items():
+    later = {name: getattr(module, name) for name in getattr(module, "ENVIRONMENTS", ())}
+    for name, thing in (vars(module) | later).items():
         home = getattr(thing, "__module__", "") or ""
         own = home == module.__name__ or home.startswith(module.__name__ + ".") or home == f"rlcore._{name}"
         if not name.startswith("_") and callable(thing) and own:
@@ -45,7 +46,7 @@ def members(cls):
         inner = (
             getattr(thing, "__func__", None) or getattr(thing, "fget", None) or getattr(thing, "func", None) or thing
         )
-        if not name.startswith("_") and inspect.isfunction(inner) and inspect.getdoc(inner):
+        if not name.startswith("_") and inspect.isfunction(inner) and inner.__doc__:
             yield name, inner
 
 
