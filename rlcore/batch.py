@@ -141,7 +141,8 @@ def _sweep(increments, V, alpha, tol, max_sweeps):
             return V
         if largest > 1e100:
             raise ValueError(
-                f"alpha: got {alpha}, must be smaller for so many visits: V grows with every sweep, beyond 1e100"
+                f"alpha: got {alpha}, too large for so many visits: V grows with every sweep, beyond 1e100, "
+                "must be smaller"
             )
     raise ValueError(
         f"max_sweeps: got {max_sweeps}, V still changes by {largest:.3g} a sweep, must be more (or tol larger)"

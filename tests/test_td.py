@@ -359,7 +359,7 @@ def test_batches_take_pairs_and_leave_out_what_was_not_met():
 
 
 def test_batch_td_says_when_it_diverges():
-    with pytest.raises(ValueError, match="^alpha: got 1.0, must be smaller for so many visits"):
+    with pytest.raises(ValueError, match="^alpha: got 1.0, too large for so many visits"):
         batch_td(PREDICTOR, 3, 1.0, alpha=1.0)
 
 

@@ -6,8 +6,8 @@ from copy import deepcopy
 import numpy as np
 
 from rlcore.batch import episode_pairs
-from rlcore.core.checks import check_count, check_function, check_rng, check_world, finite
-from rlcore.core.rules import anything, array, checked, function_of
+from rlcore.core.checks import as_floats, check_count, check_function, check_rng, check_world
+from rlcore.core.rules import anything, array, checked, function_of, rule_of
 from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.nstep import values_on_the_way
 
@@ -31,11 +31,12 @@ def _inner_states(name, truth, given):
     return truth
 
 
-@checked(V=finite, truth=_inner_states)
+@checked(V=rule_of(as_floats), truth=_inner_states)
 def walk_error(V, truth):
     """Root mean square error over the n states of a random walk. fig-17, fig-18, ex-random-walk-19
 
-    V: (..., n + 2) estimates, the two ends included but not counted. truth: (n,). Returns (...).
+    V: (..., n + 2) estimates, the two ends included but not counted; those that diverged give NaN or infinity.
+    truth: (n,). Returns (...).
     """
     return np.sqrt(((V[..., 1:-1] - truth) ** 2).mean(axis=-1))
 
