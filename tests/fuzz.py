@@ -41,7 +41,7 @@ def is_good(name, argument, kind):
     return kind in GOOD.get(argument, ()) or kind in GOOD.get(f"{name} {argument}", ())
 
 
-GOOD = {  # argument, or "function argument": kinds of BAD that are fine, where trying them is slow, leaves files, or gives NaN rightly
+GOOD = {  # by argument, or function and argument: kinds of BAD that are slow, leave files, or give NaN rightly
     "studies.ch04.walk_error V": ["NaNs"], "sweep.sweep executor": ["None"], "sweep.sweep store": ["text", "digits"],
 }  # fmt: skip
 
