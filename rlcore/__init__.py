@@ -44,16 +44,18 @@ INDEX = {
         "policies": "epsilon_greedy soft_greedy softmax_policy grad_log_softmax",
         "distributions": "Categorical Gaussian",
         "policy_gradient": "policy_gradient_exact gradient_ascent episode_gradient gradient_estimates",
-        "reinforce": "reinforce_network",
-        "actor_critic": "actor_critic_network",
+        "reinforce": "reinforce reinforce_network",
+        "actor_critic": "actor_critic actor_critic_network",
     },
     8: {
         "trust_region": "lower_bound mm_maximise backtracking_line_search trust_region_ascent",
-        "ppo": "PPOConfig",
-        "trpo": "TRPOConfig conjugate_gradient trpo_step",
+        "gae": "gae",
+        "ppo": "ppo PPOConfig",
+        "trpo": "trpo TRPOConfig conjugate_gradient trpo_step",
     },
 }
-_HOME = {name: module for rooms in INDEX.values() for module, names in rooms.items() for name in names.split()}
+_LISTED = {name: module for rooms in INDEX.values() for module, names in rooms.items() for name in names.split()}
+_HOME = {name: module for name, module in _LISTED.items() if name != module}  # rlcore.ppo is the module
 __all__ = sorted(_HOME)
 
 

@@ -24,7 +24,7 @@ from rlcore.core.learner import learner, log, note
 from rlcore.core.results import PlanningRun
 from rlcore.core.rules import anything, checked, count, index, sized, takes_none
 from rlcore.core.sampling import draw, step
-from rlcore.core.schedules import at, check_schedule, now
+from rlcore.core.schedules import at, constant, now
 from rlcore.core.worlds import FOREVER, act, reset
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, rollout
@@ -213,7 +213,7 @@ def _change(name, change, given):
 
 
 def _with_model(given, Q, returns, lengths, history, visits, memory):
-    given = given | {"epsilon": check_schedule("epsilon", 0.0)}  # the policy it found, not the one that explored
+    given = given | {"epsilon": constant(0.0)}  # the policy it found, not the one that explored
     model = _remembered(given["world"], memory) if given["n_planning"] else None
     return control(given, Q, returns, lengths, history, visits, kind=PlanningRun, model=model)
 

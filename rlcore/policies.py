@@ -10,7 +10,7 @@ from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
 from rlcore.core.rules import checked, takes_none
 from rlcore.core.samples import check_labels
-from rlcore.core.schedules import Schedule, now
+from rlcore.core.schedules import Schedule, constant, now
 from rlcore.core.worlds import open_world, tabular_world
 from rlcore.neurons import softmax
 
@@ -260,7 +260,7 @@ def _step_size(least):
         if not is_number(alpha) or not (alpha > 0 or alpha == least) or not alpha < np.inf:
             allowed = "of at least 0" if least == 0 else "above 0"
             raise ValueError(f"{name}: got {show(alpha)}, must be a number {allowed}, or decaying(...)")
-        return Schedule(float(alpha), 0.0, 0.0, 0.0, False)
+        return constant(alpha)
 
     return rule
 

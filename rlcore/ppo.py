@@ -179,7 +179,7 @@ def ppo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=N
         if config.anneal:
             lr = config.lr * (1 - steps / n_steps)
             agent.set_lr(lr)
-        kl, *record = _improve(agent, learning_data(agent, rollout, config), config, beta, rng)
+        kl, *record = improve(agent, learning_data(agent, rollout, config), config, beta, rng)
         steps = episodes.steps
         history.append((steps, kl, *record, beta, lr))
         if config.objective == "kl_adaptive":
@@ -187,7 +187,7 @@ def ppo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=N
     return make_run(agent, episodes, history, FIELDS)
 
 
-def _improve(agent, data, config, beta, rng):
+def improve(agent, data, config, beta, rng):
     """K epochs over the data of one rollout. Returns kl, largest_ratio, outside, entropy, value_loss."""
     x, actions, advantage, target = data
     old, _ = agent.forward(x)

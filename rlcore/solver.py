@@ -33,7 +33,7 @@ def solve(mdp, gamma, tol=1e-6):
     """Optimal values and policy with a certified error: max |V - v_*| <= bound. eq-16, alg-value-iteration
 
     tol: the bound that is wanted, positive; where doubles cannot give it, converged is False and bound says what was
-    reached. gamma = 1: a bound needs a cost on every step (see dp.error_bound); without one, bound is inf and
+    reached. gamma = 1: a bound needs a cost on every step (see bellman.error_bound); without one, bound is inf and
     converged False. Returns a Solution; n_iter counts sweeps, history is None, for none is kept.
     Raises ValueError for gamma outside [0, 1], for tol that is not positive, and at gamma = 1 where a state cannot
     reach a terminal one or values grow without end. Source: Puterman (1994), theorems 6.6.3 and 6.6.6.

@@ -10,7 +10,7 @@ from rlcore.core.compiled import inlined
 from rlcore.core.learner import learner, log, note, prediction
 from rlcore.core.rules import anything, checked, elementwise, takes_none
 from rlcore.core.sampling import draw
-from rlcore.core.schedules import at, check_schedule, now
+from rlcore.core.schedules import at, check_schedule, constant, now
 from rlcore.core.worlds import act, reset
 from rlcore.policies import control, epsilon_greedy, expected_value, max_value
 
@@ -31,7 +31,7 @@ def td_target(r, V_next, gamma, terminated=False):
 @checked(**TERMS)
 def td_error(r, V, V_next, gamma, terminated=False):
     """delta = r + gamma V(s') - V(s), elementwise. om-td-error, eq-36"""
-    return r + gamma * V_next * (1 - terminated) - V  # eq-36
+    return td_target(r, V_next, gamma, terminated) - V  # eq-36
 
 
 @learner(prediction)
@@ -67,8 +67,11 @@ def _behaviour(name, pi, given):
     """The rule of sarsa's pi: given instead of epsilon, never beside it."""
     if (given["epsilon"] is None) == (pi is None):
         raise ValueError(f"epsilon: got {given['epsilon']!r} with pi = {pi!r}, one of the two must be given")
-    given["epsilon"] = check_schedule("epsilon", 0.0 if pi is not None else given["epsilon"])
-    return None if pi is None else check_pi(spaces(given["world"])[0], pi)
+    if pi is None:
+        given["epsilon"] = check_schedule("epsilon", given["epsilon"])
+        return None
+    given["epsilon"] = constant(0.0)
+    return check_pi(spaces(given["world"])[0], pi)
 
 
 def _of_behaviour(given, Q, *more):

@@ -128,7 +128,7 @@ HOLDERS = {  # what functions return or pass on, which no user makes or calls
     "studies.ch04.Update", "studies.ch07.Runs", "studies.figure61.Line", "sweep.Record", "trust_region.OldPolicy",
     "trust_region.Steps", "nstep.values_on_the_way", "traces.kept", "explore.Explorer", "envs.gym.LegalActions",
     # what algorithms that learn with networks share, called with what they have checked
-    "optimizers.take_step", "core.agents.make_agent", "core.rollouts.collect", "core.rollouts.rollouts",
+    "optimizers.take_step", "ppo.improve", "core.agents.make_agent", "core.rollouts.collect", "core.rollouts.rollouts",
     "core.rollouts.make_run", "core.rollouts.config_of", "trpo.fit_values",
     "gae.learning_data", "reinforce.sizes", "reinforce.make_networks",
     "reinforce.TimeBaseline", "policies.probabilities", "policies.choose", "policies.add_score", "policies.dot",

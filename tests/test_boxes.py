@@ -33,6 +33,7 @@ LEFT_OUT = {  # box: why its lines are not those of the code
     "box-ppo": "an update of a network, by parts", "box-backprop": "the layers are methods of MLP",
     "alg-box-marginals": "sums over axes of arrays", "alg-box-operators": "one function a line",
     "box-reinforce": "what is shown is one episode's gradient; `reinforce` takes the step",
+    "alg-box-rollout": "its box draws, and sets nothing",
     "alg-box-greedy": "one function a line", "alg-box-search": "a recursion",
 }  # fmt: skip
 
@@ -92,14 +93,14 @@ def missing(wanted, found):
     return next((name for name in wanted if all(name != other for other in rest)), None)
 
 
-@pytest.mark.parametrize("label", BOXES)
+@pytest.mark.parametrize("label", [label for label in BOXES if label not in LEFT_OUT])
 def test_a_box_and_its_code_name_the_same_quantities(label):
     text, shown = BOXES[label]
     names = {n.id for path, name in shown for n in ast.walk(code(path, name)) if isinstance(n, ast.Name)}
     names |= {n.arg for path, name in shown for n in ast.walk(code(path, name)) if isinstance(n, ast.arg)}
     used = {GREEK[word] for word in re.findall(r"\\([a-z]+)", text) if word in GREEK}
     names |= {"theta"} & {"theta" for name in names if name in ("tol", "delta")}  # a tolerance
-    absent = used - names if label not in LEFT_OUT else set()
+    absent = used - names
     assert not absent, f"{label}: {absent} stand in the box, not in the code"
 
 
@@ -107,9 +108,7 @@ def test_a_box_and_its_code_name_the_same_quantities(label):
 def test_a_box_and_its_code_set_the_same_things_in_the_same_order(label):
     text, shown = BOXES[label]
     wanted, found = assigned_in_box(text), [x for path, name in shown[:1] for x in assigned_in_code(code(path, name))]
-    assert (wanted or label == "alg-box-rollout") and missing(wanted, found) is None, (
-        f"{label}: {wanted} beside {found}"
-    )
+    assert wanted and missing(wanted, found) is None, f"{label}: {wanted} beside {found}"
 
 
 def test_every_box_left_out_exists():

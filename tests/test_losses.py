@@ -6,7 +6,7 @@ from agents import make_small, move, rng, samples
 
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.nn import MLP
-from rlcore.ppo import PPOConfig, _improve, objective_gradient
+from rlcore.ppo import PPOConfig, improve, objective_gradient
 from rlcore.studies.ch08 import supervised_logprob_grad
 from rlcore.torchnet import TorchNet
 
@@ -251,7 +251,7 @@ def test_the_epochs_are_ascent_on_the_full_objective(discrete, name, shared):
                 for p, part in zip(group, torch.tensor(step).split([p.numel() for p in group])):
                     p.data += 0.1 * part.view_as(p)
     ratios, errors = np.concatenate(ratios), np.concatenate(errors)
-    kl, largest, outside, entropy, value_loss = _improve(agent, (x, actions, A, target), config, beta, rng(6))
+    kl, largest, outside, entropy, value_loss = improve(agent, (x, actions, A, target), config, beta, rng(6))
     ours = [net.theta for net in (agent.net, agent.critic) if net is not None] + [agent.log_std] * (not discrete)
     for theta, group in zip(ours, twin.parameters()):
         np.testing.assert_allclose(theta, np.concatenate([p.data.ravel() for p in group]), rtol=0, atol=1e-12)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from worlds import awkward, chain, gridworld5x5, loop, stay_or_go
 
 from rlcore.bellman import solve_policy
-from rlcore.core.checks import check_count, check_gamma, check_policy, finite_values
+from rlcore.core.checks import check_count, check_policy, check_probability, finite_values
 from rlcore.core.compiled import HAVE_NUMBA
 from rlcore.core.sampling import cumulative, draw
 from rlcore.envs import gridworld, random_mdp, random_walk, recycling_robot
@@ -351,7 +351,7 @@ def test_absorbing_state_changes_no_return(gamma):
 
 
 def test_numbers_come_back_as_plain_numbers():
-    assert type(check_gamma(1)) is float and type(check_count("n", 3.0)) is int
+    assert type(check_probability("gamma", 1)) is float and type(check_count("n", 3.0)) is int
     assert type(discounted_return([1, 2], 1)) is float and type(recycling_robot().p(0, 2.0, 0, 0)) is float
 
 

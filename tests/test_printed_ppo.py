@@ -22,7 +22,7 @@ from rlcore.gae import gae, learning_data
 from rlcore.nn import MLP
 from rlcore.optimizers import SGD
 from rlcore.policies import softmax_policy
-from rlcore.ppo import PPOConfig, _improve, objective_gradient
+from rlcore.ppo import PPOConfig, improve, objective_gradient
 from rlcore.studies.ch08 import supervised_logprob_grad
 from rlcore.trpo import TRPOConfig, _surrogate_gradient, conjugate_gradient, fisher_vector_product, trpo_step
 
@@ -152,7 +152,7 @@ def improved(name):
     """The same, by the epochs of ppo; far enough for every ratio to leave its range."""
     x, _, a, A, target = batch()
     new = agent()
-    _improve(new, (x, a, A, target), ASCENT[name], BETA, rng())
+    improve(new, (x, a, A, target), ASCENT[name], BETA, rng())
     return np.concatenate([new.net.theta, new.critic.theta])
 
 

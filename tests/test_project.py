@@ -1,6 +1,7 @@
 """The repository as a whole: what lies at the top, what an import costs, what docstrings cite, the workflows."""
 
 import ast
+import importlib
 import importlib.metadata
 import os
 import re
@@ -11,6 +12,8 @@ from pathlib import Path
 
 import pytest
 import yaml
+
+import rlcore
 
 ROOT = Path(__file__).parents[1]
 TOP = {"book", "rlcore", "tests", "benchmarks", ".ci", ".github", "_config.yml", "_toc.yml", "requirements.txt"}
@@ -31,7 +34,14 @@ def test_nothing_else_lies_at_the_top():
     assert top == TOP
 
 
-MODULES = [f"rlcore.{path.stem}" for path in sorted((ROOT / "rlcore").glob("[a-z]*.py")) if path.stem != "losses"]
+ROOMS = {  # every module but the exercises, by name
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in sorted((ROOT / "rlcore").rglob("*.py"))
+    if "exercises" not in path.parts
+}
+MODULES = [
+    name for name in ROOMS if not name.startswith("rlcore.plots") and name not in ("rlcore.losses", "rlcore.envs.gym")
+]
 
 
 IMPORTING = f"""
@@ -57,6 +67,43 @@ def test_importing_is_quick_and_light():
     assert done.returncode == 0, done.stderr
     calls, modules, *foreign = done.stdout.split()
     assert foreign == [] and int(modules) < 120 and int(calls) < 100_000  # measured: 65 and 46,000
+
+
+def imports(path):
+    """(module, name) of what a file takes from rlcore."""
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    found = [node for node in nodes if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rlcore")]
+    return [(node.module, alias.name) for node in found for alias in node.names]
+
+
+def test_imports_make_no_circle():
+    needs = {
+        room: {f"{module}.{name}" if f"{module}.{name}" in ROOMS else module for module, name in imports(path)}
+        for room, path in ROOMS.items()
+    }
+    while free := [room for room, others in needs.items() if not others & needs.keys()]:
+        for room in free:
+            del needs[room]
+    assert not needs, f"in a circle, or on the way to one: {sorted(needs)}"
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_is_short_and_keeps_its_own_to_itself(room):
+    assert len(ROOMS[room].read_text(encoding="utf-8").splitlines()) <= 350
+    assert not [name for _, name in imports(ROOMS[room]) if name.startswith("_")]
+
+
+def test_the_index_lists_what_there_is():
+    listed = [
+        (module, name) for rooms in rlcore.INDEX.values() for module, names in rooms.items() for name in names.split()
+    ]
+    for module, name in listed:
+        home = importlib.import_module(f"rlcore.{module}")
+        assert getattr(home, name).__module__ == home.__name__
+        assert getattr(rlcore, name) is (home if name == module else getattr(home, name))
+    assert sorted(rlcore.INDEX) == list(range(1, 9)) and len(listed) == len({name for _, name in listed})
+    with pytest.raises(AttributeError, match="rlcore.INDEX lists"):
+        rlcore.sarsa_of_mars
 
 
 def test_only_plots_imports_matplotlib():

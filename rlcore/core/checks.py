@@ -35,11 +35,6 @@ def check_probability(name, value, given=None):
     return float(value)
 
 
-def check_gamma(gamma):
-    """gamma as a float; ValueError unless 0 <= gamma <= 1."""
-    return check_probability("gamma", gamma)
-
-
 def check_positive(name, value, given=None):
     """value as a float; ValueError unless it is a finite number above 0."""
     if not is_number(value) or not 0 < value <= HUGE:

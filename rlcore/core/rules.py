@@ -219,17 +219,15 @@ def checked(function=None, /, **special):
         function.__init__ = checked(function.__init__, **special)
         return function
     check, signature = checker(function, special), inspect.signature(function)
+    others = takes_others(signature)
 
     @functools.wraps(function)
     def call(*args, **kwargs):
-        return function(**check(*args, **kwargs))
-
-    @functools.wraps(function)
-    def call_with_others(*args, **kwargs):
-        given = inspect.BoundArguments(signature, check(*args, **kwargs))
-        return function(*given.args, **given.kwargs)
-
-    call = call_with_others if takes_others(signature) else call
+        given = check(*args, **kwargs)
+        if not others:
+            return function(**given)
+        bound = inspect.BoundArguments(signature, given)
+        return function(*bound.args, **bound.kwargs)
 
     call.unchecked = function
     return call

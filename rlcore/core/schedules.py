@@ -27,6 +27,11 @@ def decaying(first, *, rate=1.0, power=1.0, floor=0.0, per_step=False):
     return Schedule(first, rate, power, floor, per_step)
 
 
+def constant(value):
+    """The Schedule that never falls."""
+    return Schedule(float(value), 0.0, 0.0, 0.0, False)
+
+
 def check_schedule(name, value, given=None):
     """value as a Schedule; a number is one that never falls. ValueError unless it is in (0, 1], or 0 for epsilon."""
     if isinstance(value, Schedule):
@@ -34,7 +39,7 @@ def check_schedule(name, value, given=None):
     if not (is_number(value) and (0 < value <= 1 or (name == "epsilon" and value == 0))):
         allowed = "[0, 1]" if name == "epsilon" else "(0, 1]"
         raise ValueError(f"{name}: got {show(value)}, must be in {allowed} or decaying(...)")
-    return Schedule(float(value), 0.0, 0.0, 0.0, False)
+    return constant(value)
 
 
 @compiled

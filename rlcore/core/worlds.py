@@ -83,9 +83,9 @@ def _interpreted(loop, **changes):
     body = getattr(loop, "__wrapped__", None) or getattr(loop, "py_func", loop)
     names = body.__globals__ | changes
     for name in names.keys() & set(body.__code__.co_names):
-        names[name] = getattr(names[name], "unchecked", names[name])
-        if name in RECORDERS:
-            names[name] = _interpreted(names[name], **changes)
+        formula = getattr(names[name], "unchecked", None)
+        if formula is not None or name in RECORDERS:
+            names[name] = _interpreted(formula or names[name], **changes)
     return types.FunctionType(body.__code__, names, body.__name__, body.__defaults__)
 
 

@@ -35,7 +35,7 @@ def public(module):
     later = {name: getattr(module, name) for name in getattr(module, "ENVIRONMENTS", ())}
     for name, thing in (vars(module) | later).items():
         home = getattr(thing, "__module__", "") or ""
-        own = home == module.__name__ or home.startswith(module.__name__ + ".") or home == f"rlcore._{name}"
+        own = home == module.__name__ or home.startswith(module.__name__ + ".")
         if not name.startswith("_") and callable(thing) and own:
             yield name, thing
 
