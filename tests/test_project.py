@@ -94,16 +94,15 @@ def test_a_room_is_short_and_keeps_its_own_to_itself(room):
 
 
 def test_the_index_lists_what_there_is():
-    listed = [
-        (module, name) for rooms in rlcore.INDEX.values() for module, names in rooms.items() for name in names.split()
-    ]
+    rooms = [pair for chapter in rlcore.INDEX.values() for pair in chapter.items()]
+    listed = [(module, name) for module, names in rooms for name in names.split()]
     for module, name in listed:
         home = importlib.import_module(f"rlcore.{module}")
         assert getattr(home, name).__module__ == home.__name__
         assert getattr(rlcore, name) is (home if name == module else getattr(home, name))
     assert sorted(rlcore.INDEX) == list(range(1, 9)) and len(listed) == len({name for _, name in listed})
     with pytest.raises(AttributeError, match="rlcore.INDEX lists"):
-        rlcore.sarsa_of_mars
+        _ = rlcore.sarsa_of_mars
 
 
 def test_only_plots_imports_matplotlib():
