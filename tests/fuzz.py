@@ -133,7 +133,7 @@ HOLDERS = {  # what functions return or pass on, which no user makes or calls
     "gae.learning_data", "reinforce.sizes", "reinforce.make_networks",
     "reinforce.TimeBaseline", "policies.probabilities", "policies.choose", "policies.add_score", "policies.dot",
     "policies.epsilon_greedy", "policies.max_value", "policies.expected_value", "policy_gradient.softmax_episode",
-    "core.schedules.at", "core.schedules.now",
+    "core.schedules.at", "core.schedules.constant", "core.schedules.now",
 }  # fmt: skip
 
 
