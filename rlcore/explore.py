@@ -1,7 +1,8 @@
 """A figure with controls that moves in a live notebook and on the static page, from one call.
 
 In Jupyter an ipywidgets panel switches the pictures. On the page the same pictures, all drawn beforehand, are switched
-by radio buttons and CSS alone: no script, no server. In print and in a PDF there is one picture.
+by radio buttons and CSS alone: no script, no server; with the script of the page, four numbers or more become
+a slider. In print and in a PDF there is one picture.
 """
 
 import base64
@@ -29,7 +30,7 @@ CSS = """
 gap:.3rem;align-items:center}}
 #{u} legend {{float:left;margin:0 .4rem 0 0;padding:0;font-size:1em;line-height:1.5;width:auto;min-width:4rem}}
 #{u} .knob {{position:relative;display:inline-block}}
-#{u} input {{position:absolute;inset:0;opacity:0;margin:0}}
+#{u} .knob input {{position:absolute;inset:0;opacity:0;margin:0}}
 #{u} label {{display:block;margin:0;min-width:1.8rem;text-align:center;line-height:1.5;border:1px solid currentColor;\
 border-radius:.3rem;padding:.1rem .55rem;cursor:pointer}}
 #{u} input:checked+label {{background:#1a6bbf;color:#fff;border-color:#1a6bbf}}
@@ -84,24 +85,25 @@ class Explorer:
         )
 
     def _fieldset(self, u, n, name):
-        knobs = []
-        for i, value in enumerate(self.choices[name]):
+        knobs, values = [], self.choices[name]
+        for i, value in enumerate(values):
             mark = " checked" if i == self.start[n] else ' class="other"'
             knobs.append(
                 f'<span class="knob"><input type="radio" name="{u}-{n}" id="{u}-{n}-{i}"{mark}>'
                 f'<label for="{u}-{n}-{i}">{html.escape(_text(value))}</label></span>'
             )
-        return f"<fieldset><legend>{html.escape(self.labels[name])}</legend>{''.join(knobs)}</fieldset>"
+        kind = ' class="ordered"' if _slides(values) else ""  # which book.js makes a slider
+        return f"<fieldset{kind}><legend>{html.escape(self.labels[name])}</legend>{''.join(knobs)}</fieldset>"
 
     def widget(self):
-        """The live panel (ipywidgets): a slider for numbers, buttons for words, and the picture they choose."""
+        """The live panel (ipywidgets): a slider for many numbers, buttons for words, and the picture they choose."""
         with extra("notebook"):
             import ipywidgets as w
 
         knobs = []
         for (name, values), first in zip(self.choices.items(), self.start, strict=True):
             options = [(_text(value), i) for i, value in enumerate(values)]
-            kind = w.SelectionSlider if all(isinstance(v, numbers.Number) for v in values) else w.ToggleButtons
+            kind = w.SelectionSlider if _slides(values) else w.ToggleButtons
             knobs.append(kind(options=options, value=first, description=self.labels[name]))
         view = w.HTML()
 
@@ -213,6 +215,12 @@ def _place(name, value, values):
     if _text(value) not in texts:
         raise ValueError(f"start: got {show(value)} for {name}, must be one of {', '.join(texts)}")
     return texts.index(_text(value))
+
+
+def _slides(values):
+    """Whether a choice is a slider: four numbers or more, in ascending order."""
+    numeric = all(isinstance(value, numbers.Real) for value in values)
+    return numeric and len(values) >= 4 and all(low < high for low, high in itertools.pairwise(values))
 
 
 def _text(value):

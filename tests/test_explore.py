@@ -224,6 +224,24 @@ def test_live_panel_changes_its_picture_with_every_control():
         assert f'alt="Weights: γ = {GAMMAS[i]}, shape = {SHAPES[j]}"' in view.value
 
 
+SLIDES = {
+    "four numbers": ([0, 0.5, 0.9, 1], True),
+    "of numpy": (np.linspace(0, 1, 5), True),
+    "three numbers": ([0, 1, 2], False),
+    "out of order": ([0, 2, 1, 3], False),
+    "words": (list("abcd"), False),
+    "a word among numbers": ([1, 2, 3, "more"], False),
+}
+
+
+@pytest.mark.parametrize("values, slider", SLIDES.values(), ids=SLIDES)
+def test_many_numbers_in_ascending_order_are_a_slider(values, slider):
+    made = explore(lambda gamma: draw(0.5), title="T", gamma=values)
+    (row,) = Page(made.to_html()).all("fieldset")
+    assert row == ({"class": "ordered"} if slider else {})
+    assert type(made.widget().children[1]).__name__ == ("SelectionSlider" if slider else "ToggleButtons")
+
+
 def test_bundle_serves_notebook_page_and_print():
     made = panel()
     bundle = made._repr_mimebundle_()
