@@ -18,11 +18,13 @@ from latex import BOOK, Scope, chain
 from rlcore.bellman import (
     expectation_backup,
     expectation_backup_q,
+    greedy,
     optimality_backup,
     optimality_backup_q,
     q_from_v,
     solve_policy,
 )
+from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, discounted_returns
 
 DRAFTS = os.environ.get("DERIVATIONS", "")  # a folder of Markdown files to read as well as the chapters
@@ -66,7 +68,7 @@ def lines(latex):
         formula = formula.strip()
         if found and re.match(r"&?\s*\\q?quad", formula):
             before, said = found.pop()
-            formula, reason = before + " " + re.sub(r"^&?\s*\\q?quad", "", formula), said + reason
+            formula, reason = before + " " + re.sub(r"^&?\s*(\\q?quad\s*)+", "", formula), said + reason
         if re.search(r"\\q?quad|\\text(?!bf)", formula):
             raise SyntaxError(f"words in a formula: {formula}")
         found.append((formula, reason.strip()))
@@ -92,7 +94,7 @@ class Process(Scope):
     def __init__(self, mdp, gamma, policies, arrays, greek=None, trajectories=()):
         n, m = mdp.prob.shape[:2]
         rewards = sorted({*mdp.reward[mdp.prob > 0]})
-        super().__init__({"s": range(n), "a": range(m), "r": rewards, "x": range(n)}, {}, None, gamma, greek,
+        super().__init__({"s": range(n), "a": range(m), "r": rewards, "x": range(n)}, {}, (), gamma, greek,
                          trajectories)  # fmt: skip
         self.outcomes = {
             (s, a): [
@@ -197,10 +199,10 @@ def rng(seed=0):
 
 
 @cache
-def random_mdp(seed, n=3, m=2):
+def random_mdp(seed, n=3, m=2, more=0.0):
     """p(s', r | s, a) > 0 for every s' and both rewards."""
     draw = rng(seed)
-    p, rewards = draw.dirichlet(np.ones(2 * n), size=(n, m)), (-1.5, 2.0)
+    p, rewards = draw.dirichlet(np.ones(2 * n), size=(n, m)), (more - 1.5, more + 2.0)
     next_state = np.broadcast_to(np.repeat(np.arange(n), 2), p.shape)
     reward = np.broadcast_to(np.tile(rewards, n), p.shape)
     return FiniteMDP(next_state, p, reward, np.ones((n, m), bool), np.zeros(n, bool), np.ones(n) / n)
@@ -304,6 +306,97 @@ def first_visits():
     yield scope, [{"s": 3}]
 
 
+# ---------------------------------------------------------------------- chapter 2
+
+
+def optimal(mdp, gamma):
+    """v_*, q_* and a greedy policy."""
+    v = value_iteration(mdp, gamma, tol=1e-13).V
+    pi = greedy(q_from_v(mdp, v, gamma))
+    v = solve_policy(mdp, pi, gamma)
+    return v, q_from_v(mdp, v, gamma), pi
+
+
+def solved(mdp, gamma, arrays=(), greek=None, **policies):
+    """A process with v and q of each policy, the best ones, and more arrays."""
+    v, q, best = optimal(mdp, gamma)
+    found = {("v", "*"): v, ("q", "*"): q}
+    policies = {name.replace("_new", "'"): pi for name, pi in policies.items()} | {r"pi_*": best}
+    for name, pi in policies.items():
+        v_pi = solve_policy(mdp, pi, gamma)
+        found |= {("v", name): v_pi, ("q", name): q_from_v(mdp, v_pi, gamma)}
+    return Process(mdp, gamma, policies, found | dict(arrays), greek)
+
+
+def random_policy(seed):
+    return rng(seed + 10).dirichlet(np.ones(2), size=3)
+
+
+STATES, FREE = times(s=range(3), t=(0,)), times(s=range(3), a=(0, 1), t=(0,))
+STEPS = times(k=(2, 3), n=(2,), t=(0,), infinity=(90,))
+LATER = times(k=(2, 3), m=(4, 26))  # 0.4^26 is nothing
+
+
+def values(free=FREE):
+    for seed, gamma in enumerate(GAMMAS):
+        yield solved(random_mdp(seed), gamma, pi=random_policy(seed)), [{"s'": (x["s"] + 1) % 3, **x} for x in free]
+
+
+def guesses(free=STEPS):
+    """v, w and x at random, then where bounds are attained: a constant above and below v_*, and a constant."""
+    for seed, gamma in enumerate(GAMMAS):
+        mdp, draw = random_mdp(seed), rng(seed + 20)
+        best = optimal(mdp, gamma)[0]
+        for v, w, x in (
+            [*draw.normal(size=(2, 3)), np.array([4.0, -2.0, 0.01])],
+            (best + 1.5, best - 0.5, np.full(3, -2.0)),
+        ):
+            arrays = {("v", ""): v, ("w", ""): w, ("x", ""): x}
+            arrays |= {("q", "v"): q_from_v(mdp, v, gamma), ("q", "w"): q_from_v(mdp, w, gamma)}
+            yield solved(mdp, gamma, arrays, pi=random_policy(seed)), free
+
+
+def two_functions():
+    for f, g in (
+        (rng(1).normal(size=3), rng(2).normal(size=3)),
+        (np.array([1.0, 3.0, 2.0]), np.array([0.5, 2.5, 1.5])),
+    ):
+        yield Scope({"a": range(3)}, {("f", "", 1): f, ("g", "", 1): g}), times(a=range(3))
+
+
+def ordered():
+    """v <= w in every state; then v = w."""
+    for seed, gamma in enumerate(GAMMAS):
+        v, more = rng(seed).normal(size=(2, 3))
+        for w in (v + np.abs(more), v):
+            yield solved(random_mdp(seed), gamma, {("v", ""): v, ("w", ""): w}), FREE
+
+
+def policies_and_best():
+    """A policy at random, then the best one."""
+    for seed, gamma in enumerate(GAMMAS):
+        mdp = random_mdp(seed)
+        for pi in (random_policy(seed), optimal(mdp, gamma)[2]):
+            yield solved(mdp, gamma, pi=pi), times(n=(2, 3))
+
+
+def greedy_on_estimates():
+    """pi greedy on a V so wrong that pi is best nowhere; then the example in which the loss is as large as can be."""
+    for gamma, seed, error in zip(GAMMAS, (0, 1), ([-9.0, 3.0, 9.0], [-9.0, 9.0, 0.0])):
+        mdp = random_mdp(seed, more=50.0)
+        V = optimal(mdp, gamma)[0] + error
+        yield solved(mdp, gamma, {("V", ""): V}, {r"\varepsilon": 9.0}, pi=greedy(q_from_v(mdp, V, gamma))), [{}]
+        after, pays, stay = (
+            np.array([[1, 0], [1, 1]]),
+            np.array([[0, -2 * gamma], [0, 0]]),
+            np.array([[0.0, 1], [0, 1]]),
+        )
+        of_all = np.ones((2, 2), bool), np.zeros(2, bool), [1.0, 0.0]
+        mdp = FiniteMDP(after[..., None], np.ones((2, 2, 1)), 50 + pays[..., None], *of_all)
+        V = optimal(mdp, gamma)[0] + [1.0, -1.0]
+        yield solved(mdp, gamma, {("V", ""): V}, {r"\varepsilon": 1.0}, pi=stay), [{}]
+
+
 # ---------------------------------------------------------------------- which is which
 
 
@@ -329,6 +422,25 @@ REGISTRY = {
     "dv-average-unbiased": Derivation(1, independent_numbers),
     "dv-average-variance": Derivation(1, independent_numbers),
     "dv-first-visit": Derivation(1, first_visits),
+    "dv-v-from-q": Derivation(2, lambda: values(STATES)),
+    "dv-bellman-v": Derivation(2, lambda: values(STATES)),
+    "dv-bellman-q": Derivation(2, values),
+    "dv-bellman-matrix": Derivation(2, lambda: values(STATES)),
+    "dv-average-norm": Derivation(2, lambda: guesses(STATES)),
+    "dv-inverse-exists": Derivation(2, guesses),
+    "dv-series": Derivation(2, guesses),
+    "dv-contraction-policy": Derivation(2, guesses),
+    "dv-two-maxima": Derivation(2, two_functions),
+    "dv-contraction-best": Derivation(2, lambda: guesses(FREE)),
+    "dv-banach-steps": Derivation(2, guesses),
+    "dv-banach-distance": Derivation(2, lambda: guesses(LATER)),
+    "dv-banach-unique": Derivation(2, guesses),
+    "dv-banach-rate": Derivation(2, guesses),
+    "dv-optimality-equation": Derivation(2, values),
+    "dv-monotone": Derivation(2, ordered),
+    "dv-no-policy-better": Derivation(2, policies_and_best),
+    "dv-greedy-optimal": Derivation(2, values),
+    "dv-greedy-loss": Derivation(2, greedy_on_estimates),
 }
 
 
@@ -447,11 +559,37 @@ def difference(latex, original):
 
 
 STILL = "the same at every step"
+MARKOV = "Markov: the state S_{t+1} makes it needless"
+FIXED = "a fixed point of the backup"
+ORDER = "the order holds between all of these, and for the best policy all are equal"
 HARMLESS = {  # {id: {what the changed line holds: why it is no error}}
     "dv-constant-forever": {"= r + \\gamma\\, G_t && \\text{rec": STILL, "G_{t+1}": STILL},
     "dv-not-markov": {"x_t + u_t && \\text{no": STILL, "u_{t+1}": STILL},
     "dv-average-variance": {
         "(X_i + \\mu)(X_j - \\mu)": "E[X_j - mu] = 0, and E[(X + mu)(X - mu)] is the variance",
         "(X_i - \\mu)(X_j + \\mu)": "E[X_i - mu] = 0, and E[(X + mu)(X - mu)] is the variance",
+    },
+    "dv-v-from-q": {
+        "E_\\pi[G_t \\mid S_t = s] && \\text{total": "what does not depend on a, times chances that add to 1"
+    },
+    "dv-bellman-v": {"S_t = 0, A_t = a, \\\\": MARKOV, "S_t = s, A_t = 0, \\\\": MARKOV, "S_t = s, \\\\": MARKOV},
+    "dv-series": {"P_\\pi^{n+1}\\, x": "every power averages", "P_\\pi^{n-1}\\, x": "every power averages"},
+    "dv-two-maxima": {"\\max_{a'} g(a) +": "g(a) itself, before it is replaced by the largest"},
+    "dv-banach-rate": {"T_*^{k+1} v_*": FIXED},
+    "dv-no-policy-better": {
+        "T_*^{n+1} v_\\pi": ORDER,
+        "T_* v_\\pi && \\text{keeps": ORDER,
+        "T_*^n v_*": ORDER,
+        "T_\\pi v_\\pi && \\text{mean": ORDER,
+        "v_\\pi &= v_\\pi": FIXED,
+        "\\le v_\\pi && \\text{mean": ORDER,
+    },
+    "dv-greedy-optimal": {"&= v_* && \\text{greedy}": FIXED},
+    "dv-greedy-loss": {
+        "(T_* v_* - T_\\pi V)": "greedy: T_pi V = T_* V",
+        "&= v_* - T_\\pi v_\\pi": FIXED,
+        "&= T_* v_* - v_\\pi": FIXED,
+        "&= (v_* - T_* V)": FIXED,
+        "(T_\\pi V - v_\\pi)": FIXED,
     },
 }

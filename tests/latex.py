@@ -24,12 +24,12 @@ IGNORED = (
 )
 TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
 RELATIONS = ("=", "<", ">", r"\le", r"\ge")
-ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert")
+ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert", r"\rvert")
 WORDS = "pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|S|min|clip|UP"
 NAMES = rf"\\(?:{WORDS}|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
 TIMED = ("Delta", "r", "LCPI", "LCLIP", "LVF")  # functions whose index is a time: r_t(\theta)
 DOTS = [[r"\dots"], [r"\cdots"], [r"\ldots"], [r"\vdots"], [r"\ddots"]]
-POLICIES = (r"\pi", r"\pi'", r"\pi_k")
+POLICIES = (r"\pi", r"\pi'")
 LAYERED = ("a", "b", "w", "z", "delta")  # an exponent of these is the number of a layer
 FUNCTIONS = {r"\ln": np.log, r"\log": np.log, r"\cos": np.cos, r"\sqrt": np.sqrt}
 
@@ -226,9 +226,9 @@ class Reader:
         if token == "|" and "".join(self.tokens[self.i : self.i + 2]) == "B|":
             self.i += 2
             return lambda scope, names: len(scope.sets["B"])
-        if token in ("|", r"\lVert"):
+        if token in ("|", r"\lvert", r"\lVert"):
             inner, size = self.expression(), np.linalg.norm if token == r"\lVert" else abs
-            self.need("|" if token == "|" else r"\rVert")
+            self.need(token.replace(r"\l", r"\r"))
             if token == r"\lVert" and self.take("_"):
                 self.need(r"\infty")
                 size = _largest
