@@ -397,6 +397,98 @@ def greedy_on_estimates():
         yield solved(mdp, gamma, {("V", ""): V}, {r"\varepsilon": 1.0}, pi=stay), [{}]
 
 
+# ---------------------------------------------------------------------- chapter 3
+
+
+def improved(free, soft=0.0):
+    """pi and pi', greedy for it but not best; then pi optimal, so that nothing improves. soft: the epsilon of both."""
+    for seed, gamma in zip(UNFINISHED, GAMMAS):
+        mdp = random_mdp(seed, more=-9.0)
+        policies = [random_policy(seed), optimal(mdp, gamma)[2]]
+        if soft:
+            policies = [soft / 2 + (1 - soft) * policies[0], best_soft(mdp, gamma, soft)]
+        for pi in policies:
+            better = soft / 2 + (1 - soft) * greedy(q_from_v(mdp, solve_policy(mdp, pi, gamma), gamma))
+            yield solved(mdp, gamma, (), {r"\varepsilon": soft}, pi=pi, pi_new=better), free
+
+
+UNFINISHED = (12, 46)  # seeds with which one round of improvement does not reach the best
+
+
+def best_soft(mdp, gamma, soft):
+    pi = np.full((3, 2), 0.5)
+    for _ in range(20):
+        pi = soft / 2 + (1 - soft) * greedy(q_from_v(mdp, solve_policy(mdp, pi, gamma), gamma))
+    return pi
+
+
+def sweeps():
+    """V_0 ... V_3 of value iteration, k = 2; from a start at random, then from a constant above v_*."""
+    for seed, gamma in enumerate(GAMMAS):
+        mdp = random_mdp(seed)
+        for V in (9 * rng(seed).normal(size=3), optimal(mdp, gamma)[0] + 2.0):
+            found = [V]
+            for _ in range(3):
+                found.append(optimality_backup(mdp, found[-1], gamma))
+            arrays = {("V", name): x for name, x in zip(("0", "k-1", "k", "k+1"), found)}
+            yield solved(mdp, gamma, arrays), [{"k": 2}]
+
+
+def newton():
+    """v_k at random, pi' greedy for it, v_{k+1} the values of pi'; h does not change what is greedy."""
+    for seed, gamma in enumerate(GAMMAS):
+        mdp = random_mdp(seed)
+        v, h = rng(seed).normal(size=3), 1e-3 * rng(seed + 1).normal(size=3)
+        better = greedy(q_from_v(mdp, v, gamma))
+        arrays = {("v", "k"): v, ("v", "k+1"): solve_policy(mdp, better, gamma), ("h", ""): h}
+        yield solved(mdp, gamma, arrays, pi=random_policy(seed), pi_new=better), [{}]
+
+
+def wrong_models():
+    """Two processes, one the model of the other; then one in which the bound is attained."""
+    for seed, gamma in enumerate(GAMMAS):
+        pi = random_policy(seed)
+        yield modelled(random_mdp(seed, more=seed), random_mdp(seed + 5), pi, gamma)
+        # The state keeps its sign in the model and may lose it in the world. Another action would be far better.
+        after, ones = np.array([[[0, 1]] * 2, [[1, 0]] * 2]), np.ones((2, 2), bool)
+        true, model = (
+            FiniteMDP(after, np.full((2, 2, 2), [1 - leak, leak]), reward, ones, np.zeros(2, bool), [1.0, 0.0])
+            for leak, pays in ((0.1, 1.0), (0.0, 1.2))
+            for reward in [np.array([[[pays], [99.0]], [[-pays], [99.0]]]) * np.ones(2)]
+        )
+        yield modelled(true, model, np.array([[1.0, 0], [1, 0]]), gamma)
+
+
+def modelled(mdp, model, pi, gamma):
+    true, other = (solved(x, gamma, pi=pi).tables for x in (mdp, model))
+    arrays = {("bar" + letter, "pi"): other[letter, "pi", 0] for letter in "vrP"}
+    errors = {
+        r"\varepsilon_r": np.abs(true["r", "pi", 0] - other["r", "pi", 0]).max(),
+        r"\varepsilon_p": np.abs(true["P", "pi", 0] - other["P", "pi", 0]).sum(axis=1).max(),
+    }
+    return solved(mdp, gamma, arrays, errors, pi=pi), [{}]
+
+
+def ending():
+    """gamma = 1 and a chance to end at every step; pi at random, or the best one; pi' greedy for it. x: ones at last."""
+    for seed in (0, 1):
+        draw = rng(seed)
+        outcomes = {
+            (s, a): [*zip(draw.dirichlet(np.ones(4)), range(4), draw.normal(size=4))] for s in range(3) for a in (0, 1)
+        }
+        mdp = FiniteMDP.from_outcomes(outcomes, start=0)
+        for pi in (np.vstack([random_policy(seed), [0.5, 0.5]]), optimal(mdp, 1.0)[2]):
+            better = greedy(q_from_v(mdp, solve_policy(mdp, pi, 1.0), 1.0))
+            for x in (draw.normal(size=4), np.ones(4)):
+                scope = solved(mdp, 1.0, {("x", ""): x * [1, 1, 1, 0]}, pi=pi, pi_new=better)
+                for name in ("pi", "pi'", "pi_*"):
+                    P = scope.tables["P", name, 0]
+                    P[3] = P[:, 3] = 0.0
+                scope.tables["ones", "", 0] = np.array([1.0, 1, 1, 0])
+                scope.greek[r"\rho"] = np.linalg.matrix_power(scope.tables["P", "pi", 0], 2).sum(axis=1).max()
+                yield scope, times(j=(1, 2), n=(2,), infinity=(200,))
+
+
 # ---------------------------------------------------------------------- which is which
 
 
@@ -441,6 +533,20 @@ REGISTRY = {
     "dv-no-policy-better": Derivation(2, policies_and_best),
     "dv-greedy-optimal": Derivation(2, values),
     "dv-greedy-loss": Derivation(2, greedy_on_estimates),
+    "dv-improvement": Derivation(3, lambda: improved(times(s=(0, 2), t=(0,), n=(2,)) + times(s=(1,), t=(0,), n=(3,)))),
+    "dv-improvement-greedy": Derivation(3, lambda: improved(STATES)),
+    "dv-improvement-soft": Derivation(3, lambda: improved(times(s=range(3), m=(2,)), soft=0.3)),
+    "dv-iteration-stops": Derivation(3, lambda: improved([{}])),
+    "dv-value-iteration-rate": Derivation(3, sweeps),
+    "dv-stopping": Derivation(3, sweeps),
+    "dv-newton-slope": Derivation(3, newton),
+    "dv-newton": Derivation(3, newton),
+    "dv-model-errors": Derivation(3, wrong_models),
+    "dv-simulation": Derivation(3, wrong_models),
+    "dv-proper": Derivation(3, ending),
+    "dv-undiscounted-greedy": Derivation(3, ending),
+    "dv-undiscounted-others": Derivation(3, ending),
+    "dv-undiscounted-improves": Derivation(3, ending),
 }
 
 
@@ -452,14 +558,20 @@ def worlds(name):
 # ---------------------------------------------------------------------- the check
 
 
+@cache
+def evaluated(name, formula):
+    """[(sign, values)]: each side of a line on every process of a derivation."""
+    return [(sign, [side(scope, names) for scope, names in worlds(name)]) for sign, side in chain(formula)]
+
+
 def statements(name, latex):
-    """[[(sign, side, formula)]]: the chains of a display, without what cannot be evaluated."""
+    """[[(sign, values, formula)]]: the chains of a display, without what cannot be evaluated."""
     found = []
     for formula, _ in lines(latex):
         plain = formula.replace("&", "").strip()
         if any(plain.startswith(start) for start in REGISTRY[name].unread):
             continue
-        parts = [(sign, side, plain) for sign, side in chain(formula)]
+        parts = [(sign, values, plain) for sign, values in evaluated(name, formula)]
         if parts[0][0]:
             found[-1] += parts  # without a chain to go on from: an IndexError
         else:
@@ -484,20 +596,13 @@ def check(name, latex):
 
     An inequality is also to be an equality somewhere: else a larger bound, or a lost factor, would pass for it.
     """
-    found, steps = statements(name, latex), 0
-    for parts in found:
-        close = {}
-        for scope, names in worlds(name):
-            values = [side(scope, names) for _, side, _ in parts]
-            for i, (x, y) in enumerate(itertools.pairwise(values), 1):
-                sign, _, formula = parts[i]
-                assert holds(sign, x, y), f"{name}, {names}: {formula}: {x} {sign} {y}"
-                close[i] = close.get(i, False) or holds("=", x, y)
-        for i, attained in close.items():
-            known = any(parts[i][2].startswith(start) for start in REGISTRY[name].slack)
-            assert attained or known, f"{name}: never attained: {parts[i][2]}"
-        steps += len(parts) - 1
-    return steps
+    steps = [step for parts in statements(name, latex) for step in itertools.pairwise(parts)]
+    for (_, before, _), (sign, after, formula) in steps:
+        for (_, names), x, y in zip(worlds(name), before, after, strict=True):
+            assert holds(sign, x, y), f"{name}, {names}: {formula}: {x} {sign} {y}"
+        known = any(formula.startswith(start) for start in REGISTRY[name].slack)
+        assert known or any(holds("=", *pair) for pair in zip(before, after)), f"{name}: never attained: {formula}"
+    return len(steps)
 
 
 # ---------------------------------------------------------------------- errors made on purpose
@@ -585,6 +690,14 @@ HARMLESS = {  # {id: {what the changed line holds: why it is no error}}
         "\\le v_\\pi && \\text{mean": ORDER,
     },
     "dv-greedy-optimal": {"&= v_* && \\text{greedy}": FIXED},
+    "dv-iteration-stops": {"T_{\\pi'} v_\\pi && \\text{keeps": ORDER, "v_\\pi &= v_\\pi": FIXED},
+    "dv-value-iteration-rate": {"T_* V_{k-1} - v_*": FIXED},
+    "dv-undiscounted-others": {
+        "v_* &\\ge v_*": "true of anything",
+        "v_\\pi &\\ge v_\\pi": "true of anything",
+        "T_\\pi v_\\pi && \\text{maximum": ORDER,
+    },
+    "dv-undiscounted-improves": {"T_{\\pi} v_\\pi && \\text{greedy}": ORDER},
     "dv-greedy-loss": {
         "(T_* v_* - T_\\pi V)": "greedy: T_pi V = T_* V",
         "&= v_* - T_\\pi v_\\pi": FIXED,

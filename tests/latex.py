@@ -25,8 +25,8 @@ IGNORED = (
 TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
 RELATIONS = ("=", "<", ">", r"\le", r"\ge")
 ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert", r"\rvert")
-WORDS = "pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|S|min|clip|UP"
-NAMES = rf"\\(?:{WORDS}|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
+WORDS = "pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min|clip|UP"
+NAMES = rf"\\(?:{WORDS}|bar[a-zA-Z]|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
 TIMED = ("Delta", "r", "LCPI", "LCLIP", "LVF")  # functions whose index is a time: r_t(\theta)
 DOTS = [[r"\dots"], [r"\cdots"], [r"\ldots"], [r"\vdots"], [r"\ddots"]]
 POLICIES = (r"\pi", r"\pi'")
@@ -109,6 +109,7 @@ def chain(latex):
     text = re.sub(r"\\(?:begin|end)\{\w+\*?\}|\\\\(?:\[[^]]*\])?", " ", text)
     text = re.split(r",?\s*\\(?:q?quad)\b", text)[0] if r"\quad" in text or r"\qquad" in text else text
     text = re.sub(IGNORED, " ", text).strip().rstrip(".,;")
+    text = re.sub(r"\\bar\s+([a-zA-Z])", r"\\bar\1 ", text)
     text = re.sub(r"\\mathbf\s*\{?1\}?", r"\\ones ", text)
     text = re.sub(
         r"\\(?:mathbb|mathcal|operatorname|mathrm|text)\*?\s*(?:\{\s*([A-Za-z]+)\s*\}|([A-Za-z]))", r"\\\1\2 ", text
@@ -263,8 +264,8 @@ class Reader:
             return self.expectation(token)
         if token == r"\Var":
             return self.variance()
-        if token in (r"\alpha", r"\beta", r"\lambda", r"\epsilon", r"\varepsilon"):
-            letter = token + "_" + self.need("w") if self.take("_") else token
+        if token in (r"\alpha", r"\beta", r"\lambda", r"\epsilon", r"\varepsilon", r"\rho"):
+            letter = token + "_" + self.need("w", "r", "p") if self.take("_") else token
             return lambda scope, names: scope.greek[letter]
         if token == "I" and self.peek() == "_":
             return self.indicator()
