@@ -11,7 +11,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 STAMP := .venv/installed
 HTML := _build/html
 RUN := $(BIN)/python tests/run.py
-NOTEBOOKS := $(wildcard book/*.ipynb)
+NOTEBOOKS := $(wildcard book/*.ipynb book/record/*.ipynb)
 
 .PHONY: book html test test-all check pages notebooks lab outputs clean install lock mutation wheel
 

@@ -1,7 +1,8 @@
 """A figure with controls that moves in a live notebook and on the static page, from one call.
 
 In Jupyter an ipywidgets panel switches the pictures. On the page the same pictures, all drawn beforehand, are switched
-by radio buttons and CSS alone: no script, no server. In print and in a PDF there is one picture.
+by radio buttons and CSS alone: no script, no server; with the script of the page, four numbers or more become
+a slider. In print and in a PDF there is one picture.
 """
 
 import base64
@@ -29,7 +30,7 @@ CSS = """
 gap:.3rem;align-items:center}}
 #{u} legend {{float:left;margin:0 .4rem 0 0;padding:0;font-size:1em;line-height:1.5;width:auto;min-width:4rem}}
 #{u} .knob {{position:relative;display:inline-block}}
-#{u} input {{position:absolute;inset:0;opacity:0;margin:0}}
+#{u} .knob input {{position:absolute;inset:0;opacity:0;margin:0}}
 #{u} label {{display:block;margin:0;min-width:1.8rem;text-align:center;line-height:1.5;border:1px solid currentColor;\
 border-radius:.3rem;padding:.1rem .55rem;cursor:pointer}}
 #{u} input:checked+label {{background:#1a6bbf;color:#fff;border-color:#1a6bbf}}
@@ -50,7 +51,7 @@ class Explorer:
     """The drawn frames of one ``explore`` call; shows itself in a notebook.
 
     choices: name -> values. labels: name -> text of the legend. frames: index into each choice -> an HTML image.
-    fallback: the first frame as PNG bytes, for print.
+    start: the index of the frame that is shown first. fallback: that frame as PNG bytes, for print.
     """
 
     title: str
@@ -58,18 +59,18 @@ class Explorer:
     labels: dict[str, str]
     frames: dict[tuple[int, ...], str]
     alts: dict[tuple[int, ...], str]
+    start: tuple[int, ...]
     fallback: bytes
 
     def to_html(self) -> str:
-        """The whole panel as HTML; its ids come from the title, the choices and the alt texts."""
-        known = repr(
-            (self.title, [(k, list(map(_text, v))) for k, v in self.choices.items()], list(self.alts.values()))
-        )
+        """The whole panel as HTML; its ids come from the title, the choices, the alt texts and the start."""
+        choices = [(name, list(map(_text, values))) for name, values in self.choices.items()]
+        known = repr((self.title, choices, list(self.alts.values()), self.start))
         u = "x" + hashlib.sha256(known.encode()).hexdigest()[:10]
         style, pictures = [CSS.format(u=u).strip()], []
         for index, picture in self.frames.items():
             name = "f" + "-".join(map(str, index))
-            if any(index):
+            if index != self.start:
                 has = "".join(f":has(#{u}-{n}-{i}:checked)" for n, i in enumerate(index))
                 style.append(f"#{u}{has} .{name} {{display:block!important}}")
                 pictures.append(f'<div class="frame {name}" style="display:none">{picture}</div>')
@@ -84,25 +85,26 @@ class Explorer:
         )
 
     def _fieldset(self, u, n, name):
-        knobs = []
-        for i, value in enumerate(self.choices[name]):
-            mark = ' class="other"' if i else " checked"
+        knobs, values = [], self.choices[name]
+        for i, value in enumerate(values):
+            mark = " checked" if i == self.start[n] else ' class="other"'
             knobs.append(
                 f'<span class="knob"><input type="radio" name="{u}-{n}" id="{u}-{n}-{i}"{mark}>'
                 f'<label for="{u}-{n}-{i}">{html.escape(_text(value))}</label></span>'
             )
-        return f"<fieldset><legend>{html.escape(self.labels[name])}</legend>{''.join(knobs)}</fieldset>"
+        kind = ' class="ordered"' if _slides(values) else ""  # which book.js makes a slider
+        return f"<fieldset{kind}><legend>{html.escape(self.labels[name])}</legend>{''.join(knobs)}</fieldset>"
 
     def widget(self):
-        """The live panel (ipywidgets): a slider for numbers, buttons for words, and the picture they choose."""
+        """The live panel (ipywidgets): a slider for many numbers, buttons for words, and the picture they choose."""
         with extra("notebook"):
             import ipywidgets as w
 
         knobs = []
-        for name, values in self.choices.items():
+        for (name, values), first in zip(self.choices.items(), self.start, strict=True):
             options = [(_text(value), i) for i, value in enumerate(values)]
-            kind = w.SelectionSlider if all(isinstance(v, numbers.Number) for v in values) else w.ToggleButtons
-            knobs.append(kind(options=options, value=0, description=self.labels[name]))
+            kind = w.SelectionSlider if _slides(values) else w.ToggleButtons
+            knobs.append(kind(options=options, value=first, description=self.labels[name]))
         view = w.HTML()
 
         def show(_=None):
@@ -137,6 +139,12 @@ def _labels(name, labels, given):
     return {key: str(text) for key, text in labels.items()}
 
 
+def _start(name, start, given):
+    if not isinstance(start, dict) or set(start) - set(given["choices"]):
+        raise ValueError(f"{name}: got {show(start)}, must be values of some of the choices {list(given['choices'])}")
+    return start
+
+
 def _choices(name, choices, given):
     """The rule of {name: values}: as lists, of numbers and words that look different from each other."""
     if not choices:
@@ -158,8 +166,8 @@ def _choices(name, choices, given):
 
 
 @checked(
-    draw=function_of("the choices that returns a matplotlib Figure"), title=_title, labels=_labels, choices=_choices,
-    alt=function_of("the choices that returns a text"), fmt=choice("svg", "png"),
+    draw=function_of("the choices that returns a matplotlib Figure"), title=_title, labels=_labels, start=_start,
+    choices=_choices, alt=function_of("the choices that returns a text"), fmt=choice("svg", "png"),
 )  # fmt: skip
 def explore(
     draw: Callable,
@@ -168,6 +176,7 @@ def explore(
     alt: Callable | None = None,
     fmt: str = "svg",
     labels: dict[str, str] | None = None,
+    start: dict | None = None,
     **choices,
 ) -> Explorer:
     """Show ``draw(**values)`` for every combination of the choices, with a control for each choice.
@@ -175,25 +184,43 @@ def explore(
     draw: called with one value per choice; returns a matplotlib Figure. title: shown above the controls.
     alt: called like draw; returns the text that says what the picture shows. fmt: "svg", or "png" for pictures with
     very many points. labels: name -> legend, where the name itself (gamma is written γ) does not do.
-    choices: name=[value, ...], numbers or words, the first value of each shown first; at most 40 combinations.
+    start: name -> the value that is chosen at first, where the first of its list is not the telling one.
+    choices: name=[value, ...], numbers in ascending order, or words; at most 40 combinations.
 
     Raises: ValueError on an unusable argument, and where draw does not return a Figure.
     """
     from rlcore.plots.style import encode
 
     labels = {name: GREEK.get(name, name.replace("_", " ")) for name in choices} | (labels or {})
+    start = {name: values[0] for name, values in choices.items()} | (start or {})
+    first = tuple(_place(name, start[name], values) for name, values in choices.items())
     frames, alts, fallback = {}, {}, b""
     for index in itertools.product(*(range(len(values)) for values in choices.values())):
         values = {name: choices[name][i] for name, i in zip(choices, index, strict=True)}
         fig = draw(**values)
         mime, raw = encode(fig, fmt)
-        fallback = fallback or encode(fig, "png")[1]
+        if index == first:
+            fallback = encode(fig, "png")[1]
         words = ", ".join(f"{labels[name]} = {_text(value)}" for name, value in values.items())
         alts[index] = alt(**values) if alt else f"{title}: {words}"
         if not isinstance(alts[index], str) or not alts[index].strip():
             raise ValueError(f"alt: returned {show(alts[index])} for {words}, must return a text that is not empty")
         frames[index] = _img(mime, raw, alts[index])
-    return Explorer(title, choices, labels, frames, alts, fallback)
+    return Explorer(title, choices, labels, frames, alts, first, fallback)
+
+
+def _place(name, value, values):
+    """Where a list has the value; ValueError where it has not."""
+    texts = list(map(_text, values))
+    if _text(value) not in texts:
+        raise ValueError(f"start: got {show(value)} for {name}, must be one of {', '.join(texts)}")
+    return texts.index(_text(value))
+
+
+def _slides(values):
+    """Whether a choice is a slider: four numbers or more, in ascending order."""
+    numeric = all(isinstance(value, numbers.Real) for value in values)
+    return numeric and len(values) >= 4 and all(low < high for low, high in itertools.pairwise(values))
 
 
 def _text(value):

@@ -42,8 +42,8 @@ NARROW = {
     "NUMBA_CPU_NAME": "generic",
     "NUMBA_CPU_FEATURES": "",
 }
-ALL = ["*.ipynb", "exercises/*.ipynb"]
-BLAS = ["0[68]_*.ipynb"]  # networks: results that come out of products of larger matrices
+ALL = ["*.ipynb", "record/*.ipynb", "exercises/*.ipynb"]
+BLAS = ["0[68]_*.ipynb", "record/0[68]_*.ipynb"]  # networks: results that come out of products of larger matrices
 GROUPS = {  # name: (what it is, commands, environment)
     "lint": ("lint and format", [[str(BIN / "ruff"), *c] for c in (["check", "."], ["format", "--check", "."])], {}),
     "unit": ("unit tests", [pytest("-p", "no:nbval", "-m", "not pages and not built")], {}),

@@ -71,11 +71,13 @@ def shown(page, chosen):
     radios = [tag for tag in Page(page).all("input") if tag["id"] in chosen]
     other = any(tag.get("class") == "other" for tag in radios)  # then the first frame is hidden
     assert re.search(r":has\(\.other:checked\) \.first \{display:none\}", page)
-    return visible if other else [*visible, "f" + "-".join("0" * len(chosen))]
+    (first,) = re.findall(r'class="frame (f[\d-]+) first"', page)
+    return visible if other else [*visible, first]
 
 
-def test_every_combination_shows_exactly_its_own_frame():
-    page = panel().to_html()
+@pytest.mark.parametrize("start", [None, {"gamma": 0.9}, {"gamma": 0.99, "shape": "slope"}])
+def test_every_combination_shows_exactly_its_own_frame(start):
+    page = panel(start=start).to_html()
     (names,) = {tuple(sorted({tag["name"] for tag in Page(page).all("input")}))}
     frames = [tag["class"].split()[1] for tag in Page(page).all("div") if tag.get("class", "").startswith("frame")]
     assert len(frames) == len(set(frames)) == 6
@@ -115,6 +117,22 @@ def test_controls_are_grouped_named_and_start_at_the_first_value():
     assert group["aria-labelledby"] in [tag.get("id") for tag in page.all("div")]
 
 
+def test_start_is_what_page_notebook_and_print_show_first():
+    made = panel(start={"shape": "slope", "gamma": 0.9 + 1e-12})
+    page = Page(made.to_html())
+    frames = [tag for tag in page.all("div") if tag.get("class", "").startswith("frame")]
+    assert [i for i, tag in enumerate(frames) if "style" not in tag] == [3]
+    assert frames[3]["class"].split() == ["frame", "f1-1", "first"]
+    radios = page.all("input")
+    assert [i for i, tag in enumerate(radios) if "checked" in tag] == [1, 4]
+    assert [i for i, tag in enumerate(radios) if "class" not in tag] == [1, 4]
+    assert [text for tag, text in page.texts if tag == "label"] == ["0.5", "0.9", "0.99", "step", "slope"]
+    _, gamma, shape, view = made.widget().children
+    assert (gamma.label, shape.label, view.value) == ("0.9", "slope", made.frames[1, 1])
+    alone = explore(draw, title="Weights", gamma=[0.9], shape=["slope"])
+    assert made.fallback == alone.fallback != panel().fallback
+
+
 def test_focus_and_choice_are_seen_on_light_and_dark_ground():
     page = panel().to_html()
     fill, letters = re.search(r"input:checked\+label \{background:(#\w+);color:(#\w+)", page).groups()
@@ -129,7 +147,8 @@ def same_alt(**values):
 
 
 @pytest.mark.parametrize(
-    "other", [{"title": "Others"}, {"gamma": [0.1, 0.2, 0.3]}, {"alt": lambda **v: "a rising line"}]
+    "other",
+    [{"title": "Others"}, {"gamma": [0.1, 0.2, 0.3]}, {"alt": lambda **v: "a rising line"}, {"start": {"gamma": 0.9}}],
 )
 def test_ids_are_unique_on_a_page_with_two_panels(other):
     tags = Page(panel(alt=same_alt).to_html() + panel(**{"alt": same_alt} | other).to_html()).tags
@@ -205,6 +224,24 @@ def test_live_panel_changes_its_picture_with_every_control():
         assert f'alt="Weights: γ = {GAMMAS[i]}, shape = {SHAPES[j]}"' in view.value
 
 
+SLIDES = {
+    "four numbers": ([0, 0.5, 0.9, 1], True),
+    "of numpy": (np.linspace(0, 1, 5), True),
+    "three numbers": ([0, 1, 2], False),
+    "out of order": ([0, 2, 1, 3], False),
+    "words": (list("abcd"), False),
+    "a word among numbers": ([1, 2, 3, "more"], False),
+}
+
+
+@pytest.mark.parametrize("values, slider", SLIDES.values(), ids=SLIDES)
+def test_many_numbers_in_ascending_order_are_a_slider(values, slider):
+    made = explore(lambda gamma: draw(0.5), title="T", gamma=values)
+    (row,) = Page(made.to_html()).all("fieldset")
+    assert row == ({"class": "ordered"} if slider else {})
+    assert type(made.widget().children[1]).__name__ == ("SelectionSlider" if slider else "ToggleButtons")
+
+
 def test_bundle_serves_notebook_page_and_print():
     made = panel()
     bundle = made._repr_mimebundle_()
@@ -232,6 +269,9 @@ BAD = {
         {"labels": {"beta": "b"}, "gamma": [1]},
         r"labels: got .'beta': 'b'., must be texts for .*\['gamma'\]",
     ),
+    "start of nothing": ({"start": {"beta": 1}, "gamma": [1]}, r"start: got .'beta': 1., must be values .*\['gamma'\]"),
+    "start without names": ({"start": 0.9, "gamma": [0.9]}, "start: got 0.9, must be values"),
+    "start not there": ({"start": {"gamma": 0.7}, "gamma": [0.5, 0.9]}, "start: got 0.7 for gamma, .* of 0.5, 0.9"),
     "draw not a function": ({"draw": 3, "gamma": [1]}, "draw: got 3, must be a function"),
     "draw without a figure": ({"draw": lambda gamma: None, "gamma": [1]}, "draw returned NoneType"),
 }

@@ -42,15 +42,20 @@ def run(path):
     return round(seconds)
 
 
+def key(path):
+    """A notebook's name below book, without its ending."""
+    return path.resolve().relative_to(Path(__file__).parents[1]).with_suffix("").as_posix()
+
+
 def main(paths):
     store = Path(__file__).parents[1] / "data" / "run_times.yml"
     store.parent.mkdir(exist_ok=True)
     record = (yaml.safe_load(store.read_text()) if store.exists() else None) or {"seconds": {}}
     record["versions"] = {name: metadata.version(name) for name in PACKAGES}
     for path in paths:
-        record["seconds"][path.stem] = run(path)
+        record["seconds"][key(path)] = run(path)
         store.write_text(yaml.safe_dump(record))
-        print(f"{path}: {record['seconds'][path.stem]} s", flush=True)
+        print(f"{path}: {record['seconds'][key(path)]} s", flush=True)
 
 
 if __name__ == "__main__":

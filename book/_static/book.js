@@ -10,3 +10,27 @@ function reachable() {
 }
 window.addEventListener("load", reachable);
 window.addEventListener("resize", reachable);
+
+// Buttons for many numbers in a row become a slider; the buttons stay for print, and CSS goes on asking them.
+function slide(row) {
+  const knobs = [...row.querySelectorAll("input[type=radio]")], legend = row.querySelector("legend");
+  const slider = document.createElement("input"), value = document.createElement("span");
+  Object.assign(slider, {type: "range", min: 0, max: knobs.length - 1, step: 1});
+  slider.setAttribute("aria-label", legend.textContent);
+  value.className = "value";
+  value.setAttribute("aria-hidden", "true");
+  const show = () => {
+    slider.value = knobs.findIndex(knob => knob.checked);
+    value.textContent = knobs[slider.value].nextElementSibling.textContent;
+    slider.setAttribute("aria-valuetext", value.textContent);
+  };
+  slider.addEventListener("input", () => {
+    knobs[slider.value].checked = true;
+    show();
+  });
+  row.classList.add("slides");
+  legend.after(slider, value);
+  show();
+  window.addEventListener("pageshow", show);  // where a browser comes back to what was chosen
+}
+document.addEventListener("DOMContentLoaded", () => document.querySelectorAll(".explore fieldset.ordered").forEach(slide));

@@ -6,7 +6,10 @@ import re
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from conftest import CHAPTERS, HTML, PAGES
+from conftest import CHAPTERS, HTML, PAGES, ROOT
+
+from rlcore import plots
+from rlcore.explore import explore
 
 pytestmark = pytest.mark.pages
 # Fonts of the site; none of any site, DejaVu installed; none of any site and none installed.
@@ -221,22 +224,62 @@ def frames(figure):
 
 def controls_move(tab):
     for figure in tab.locator(".explore").all():
-        assert frames(figure) == [0]
+        first = frames(figure)
+        assert len(first) == 1 and "first" in figure.locator(".frame").nth(first[0]).get_attribute("class").split()
         for row in figure.locator("fieldset").all():
-            knobs = row.locator("input")
-            knobs.first.focus()
-            tab.keyboard.press("ArrowRight")
-            assert knobs.nth(1).is_checked()
+            knobs, slider = row.locator("input[type=radio]"), row.locator("input[type=range]")
+            (start,) = knobs.evaluate_all("all => all.flatMap((knob, i) => knob.checked ? [i] : [])")
+            last = start == knobs.count() - 1
+            (slider if slider.count() else knobs.nth(start)).focus()
+            tab.keyboard.press("ArrowLeft" if last else "ArrowRight")
+            assert knobs.nth(start + (-1 if last else 1)).is_checked()
             after = frames(figure)
-            assert len(after) == 1 and after != [0]
-            knobs.first.click()
-            assert frames(figure) == [0]
+            assert len(after) == 1 and after != first
+            if slider.count():
+                value = row.locator("input:checked + label").inner_text()
+                assert slider.get_attribute("aria-valuetext") == row.locator(".value").inner_text() == value
+                tab.keyboard.press("ArrowRight" if last else "ArrowLeft")
+            else:
+                knobs.nth(start).click()
+            assert frames(figure) == first
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("view", views(MOVING, SETTINGS[:1]), indirect=True)
 def test_controls_move_every_figure(view):
     controls_move(view)
+
+
+PANEL = explore(plots.discount_weights, title="Weights", start={"gamma": 0.9}, gamma=[0, 0.5, 0.9, 0.99])
+BARE = "<!doctype html><html lang='en'><title>A panel</title><style>{css}</style><main><h1>A panel</h1>{panel}</main>"
+STATIC = ROOT / "book" / "_static"
+
+
+@pytest.mark.parametrize("script", [True, False])
+def test_many_numbers_are_a_slider_on_the_screen_where_there_is_a_script(browsers, script):
+    tab = browsers["dejavu"].new_context(java_script_enabled=script).new_page()
+    js = f"<script>{(STATIC / 'book.js').read_text('utf-8')}</script>"
+    css = (STATIC / "book.css").read_text("utf-8")
+    tab.set_content(BARE.format(css=css, panel=PANEL.to_html()) + js)
+    row = tab.locator("fieldset")
+    assert row.locator("input[type=range]").count() == script
+    assert row.locator("label").evaluate_all("all => all.filter(e => e.offsetParent).length") == (0 if script else 4)
+    controls_move(tab)
+    if script:
+        slider = row.get_by_role("slider", name="γ")
+        assert slider.get_attribute("aria-valuetext") == row.locator(".value").inner_text() == "0.9"
+        slider.press("End")
+        assert frames(tab.locator(".explore")) == [3] and row.locator(".value").inner_text() == "0.99"
+        assert violations(tab, {"runOnly": STANDARD}) == []
+        tab.set_viewport_size({"width": 320, "height": HEIGHT})
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 320
+    tab.emulate_media(media="print")
+    assert not script or not slider.is_visible()
+    assert row.locator("label").evaluate_all("all => all.filter(e => e.offsetParent).map(e => e.textContent)") == [
+        "0.99" if script else "0.9"
+    ]
+    assert len(frames(tab.locator(".explore"))) == 1
+    tab.context.close()
 
 
 @pytest.mark.parametrize("page", [pytest.param(page, marks=pytest.mark.xdist_group(page)) for page in PAGES])

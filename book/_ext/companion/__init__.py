@@ -1,8 +1,8 @@
 """The Sphinx extension of this book: equation numbers, offline pages, accessibility, generated appendices."""
 
-from companion import accessible, api, equations, ledger, mathematics, offline, repository
+from companion import accessible, api, equations, ledger, links, mathematics, offline, record, repository
 
-PARTS = (equations, mathematics, offline, accessible, repository, ledger, api)
+PARTS = (equations, mathematics, offline, accessible, repository, ledger, links, record, api)
 
 
 def setup(app):

@@ -1,7 +1,7 @@
-"""Equations carry the document's numbers: a block labelled eq-7 shows (7) and has the HTML id eq-7.
+"""Equations carry the chapter's number and the document's: a block labelled eq-7 shows (1.7) and has the HTML id eq-7.
 
-The number is the ledger's where the ledger has one, else the digits of a label such as eq-7. Any other label keeps
-Sphinx's own number.
+The second number is the ledger's where the ledger has one, else the digits of a label such as eq-7. Any other label
+keeps Sphinx's own number.
 """
 
 import re
@@ -11,13 +11,13 @@ from docutils import nodes
 from companion.ledger import rows
 
 
-def document_number(app, label):
-    """The number that the document prints at this label, or None."""
+def document_number(app, label, docname):
+    """The chapter and the number that the document prints at this label, or None."""
     row = rows(app.srcdir).get(label, {})
-    if row.get("number"):
-        return str(row["number"])
     found = re.fullmatch(r"eq-(\d+)", label or "")
-    return found.group(1) if found else None
+    number = row.get("number") or (found and found[1])
+    chapter = re.match(r"book/0(\d)_", docname)
+    return f"{row.get('chapter') or (chapter and chapter[1])}.{number}" if number else None
 
 
 def add_ids(app, doctree):
@@ -30,7 +30,7 @@ def add_ids(app, doctree):
 def renumber(app, env):
     """Replace Sphinx's numbers once they are assigned; pages and {eq} references read them from here."""
     for label, (docname, _) in env.get_domain("math").equations.items():
-        number = document_number(app, label)
+        number = document_number(app, label, docname)
         if number:
             figures = env.toc_fignumbers.setdefault(docname, {}).setdefault("displaymath", {})
             figures[nodes.make_id(f"equation-{label}")] = (number,)

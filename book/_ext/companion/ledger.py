@@ -57,6 +57,10 @@ def page_link(text, place):
     return link(text, f"{page}.html#{anchor}")
 
 
+def record_link(row):
+    return [page_link("record", row["record"])] if "record" in row else []
+
+
 def name_node(text):
     """A dotted or underscored name as code that may break after its dots and underscores."""
     return nodes.literal("", re.sub(r"(::|[._/])(?=\w)", "\\1\u200b", text))
@@ -91,7 +95,7 @@ def check_node(check):
     path, _, name = check.partition("::" if "::" in check else "#")
     short = name_node(name or path)
     if path.endswith(".ipynb"):
-        return link(short, Path(path).stem + ".html")
+        return link(short, str(Path(path).relative_to("book").with_suffix(".html")))
     address = repository.source_link(path)
     return link(short, address) if address else name_node(f"{Path(path).name}::{name}")
 
@@ -112,7 +116,7 @@ class Ledger(SphinxDirective):
             if done:
                 body = [
                     [
-                        [page_link(row["id"], row["page"])],
+                        commas([page_link(row["id"], row["page"]), *record_link(row)]),
                         commas([link(name_node(c), f"appendix_api.html#{c}") for c in row["code"]]),
                         commas([check_node(c) for c in row["check"]]),
                     ]
@@ -190,12 +194,12 @@ class Claims(SphinxDirective):
         verdict = VERDICTS[str(row["verdict"])]
         words = {"conditions": "on conditions"}.get(verdict, verdict)
         text = nodes.container()
-        said = sentences(paragraph_at(self.env.srcdir, row["page"]))
+        said = sentences(paragraph_at(self.env.srcdir, row.get("record", row["page"])))
         lines = re.sub(r"^\*\*Claim: (.)", lambda first: "**" + first[1].upper(), said).splitlines()
         self.state.nested_parse(StringList(lines, "claim"), 0, text)
         inline = text.children[0].children if text.children and isinstance(text.children[0], nodes.paragraph) else []
         return [
-            [page_link(row["id"], row["page"])],
+            [page_link(row["id"], row.get("record", row["page"]))],
             [nodes.inline("", words, classes=["verdict", verdict])],
             [child.deepcopy() for child in inline],
         ]
@@ -225,11 +229,14 @@ class Errata(SphinxDirective):
 
     def run(self):
         out = []
-        for path in sorted(Path(self.env.srcdir, "book").glob("0*.ipynb")):
-            chapter = int(path.stem[:2])
+        book = Path(self.env.srcdir, "book")
+        for path in sorted(book.glob("0*.ipynb")):
+            chapter, record = int(path.stem[:2]), book / "record" / path.name
+            path = record if record.exists() else path
             section = nodes.section("", nodes.title("", f"Chapter {chapter}: {CHAPTERS[chapter]}"))
             section["ids"] = [f"errata-{chapter}"]
-            body = [self.line(path.stem, numbers, text) for numbers, text in errata(path)]
+            page = path.relative_to(book).with_suffix("").as_posix()
+            body = [self.line(page, numbers, text) for numbers, text in errata(path)]
             section += table(["No.", "What is right"], body, ["errata"])
             out.append(section)
         return out
@@ -252,11 +259,13 @@ class Status(SphinxDirective):
     def run(self):
         times = load(self.env.srcdir, "data/run_times.yml") or {}
         body = []
-        for path in sorted(Path(self.env.srcdir, "book").glob("0*.ipynb")):
+        book = Path(self.env.srcdir, "book")
+        for path in sorted([*book.glob("0*.ipynb"), *book.glob("record/*.ipynb")]):
             cells = [c for c in _cells(str(path), path.stat().st_mtime_ns) if c["cell_type"] == "code"]
-            seconds = times.get("seconds", {}).get(path.stem)
+            page = path.relative_to(book).with_suffix("").as_posix()
+            seconds = times.get("seconds", {}).get(page)
             said = f"{seconds} s" if seconds is not None else "not measured"
-            name = link(nodes.literal("", path.name), path.stem + ".html")
+            name = link(nodes.literal("", page), page + ".html")
             body.append([[name], [nodes.Text(str(len(cells)))], [nodes.Text(said)]])
         here = table(["Notebook", "Code cells", "Run time, two cores"], body, ["status"])
         stored = times.get("versions", {})

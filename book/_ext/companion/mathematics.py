@@ -66,9 +66,13 @@ def visit_inline(translator, node):
 
 def visit_display(translator, node):
     translator.body.append(translator.starttag(node, "div", CLASS="math notranslate nohighlight"))
-    if node["number"]:
-        translator.body.append(f'<span class="eqno">({get_node_equation_number(translator, node)})')
-        translator.add_permalink_ref(node, "Link to this equation")
+    if node["number"] or node.get("marks"):
+        translator.body.append('<span class="eqno">')
+        if node["number"]:
+            translator.body.append(f"({get_node_equation_number(translator, node)})")
+            translator.add_permalink_ref(node, "Link to this equation")
+        for mark in node.get("marks", ()):
+            mark.walkabout(translator)
         translator.body.append("</span>")
     translator.body.append(translator.builder.env.app.typesetter.typeset(whole(node), True) + "</div>\n")
     raise nodes.SkipNode
