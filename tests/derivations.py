@@ -33,15 +33,21 @@ DRAFTS = os.environ.get("DERIVATIONS", "")  # a folder of Markdown files to read
 # ---------------------------------------------------------------------- the page
 
 
+@cache
 def texts():
-    """{name of the page: its Markdown}"""
+    """{name of the page: its Markdown}; of a draft, what the chapters do not hold."""
     found = {}
     for path in sorted(BOOK.glob("0*.ipynb")):
         cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
         found[path.stem] = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    held = {*re.findall(ANCHOR, " ".join(found.values()))}
     for path in sorted(Path(DRAFTS).glob("ch0*.md")) if DRAFTS else []:
-        found[path.stem] = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
+        found[path.stem] = re.sub(ANCHOR, lambda m: "" if m[1] in held else m[0], text)
     return found
+
+
+ANCHOR = r'<span id="(dv-[^"]*)"></span>'
 
 
 @cache
@@ -49,19 +55,19 @@ def derivations():
     """{id: (number of the chapter, LaTeX)} of every display after an anchor dv-..."""
     found = {}
     for page, text in texts().items():
-        for name, latex in re.findall(r'<span id="(dv-[\w-]+)"></span>\s*\$\$(.+?)\$\$', text, re.S):
+        for name, latex in re.findall(ANCHOR + r"\s*\$\$(.+?)\$\$", text, re.S):
             found[name] = (int(re.search(r"\d+", page)[0]), latex)
     return found
 
 
 def anchors():
     """Every anchor dv-... of the pages, whether or not a display follows."""
-    return [name for text in texts().values() for name in re.findall(r'<span id="(dv-[^"]*)">', text)]
+    return [name for text in texts().values() for name in re.findall('<span id="(dv-[^"]*)"', text)]
 
 
 def lines(latex):
     """[(formula, reason)] of a display, a formula that goes on in the next line in one piece."""
-    text = re.sub(r"\\(?:begin|end)\{(?:aligned|gathered)\}", "", latex)
+    text = re.sub(r"\\(?:begin|end)\{(?:aligned|gathered)\}|\{\}", "", latex)
     found = []
     for line in re.split(r"\\\\(?:\[[^]]*\])?", text):
         formula, _, reason = line.strip().partition("&&")
@@ -404,13 +410,13 @@ def greedy_on_estimates():
         yield solved(mdp, gamma, {("V", ""): V}, {r"\varepsilon": 9.0}, pi=greedy(q_from_v(mdp, V, gamma))), [{}]
         after, pays, stay = (
             np.array([[1, 0], [1, 1]]),
-            np.array([[0, -2 * gamma], [0, 0]]),
+            np.array([[0, -3 * gamma], [0, 0]]),
             np.array([[0.0, 1], [0, 1]]),
         )
         of_all = np.ones((2, 2), bool), np.zeros(2, bool), [1.0, 0.0]
         mdp = FiniteMDP(after[..., None], np.ones((2, 2, 1)), 50 + pays[..., None], *of_all)
-        V = optimal(mdp, gamma)[0] + [1.0, -1.0]
-        yield solved(mdp, gamma, {("V", ""): V}, {r"\varepsilon": 1.0}, pi=stay), [{}]
+        V = optimal(mdp, gamma)[0] + [1.5, -1.5]
+        yield solved(mdp, gamma, {("V", ""): V}, {r"\varepsilon": 1.5}, pi=stay), [{}]
 
 
 # ---------------------------------------------------------------------- chapter 3
@@ -763,6 +769,21 @@ BREAKS = {
     "root": (r"\\sqrt", ""),
     "value": (r"v_\\pi(?!')", "v_*"),
     "best value": (r"(?<![a-zA-Z])([vq])_\*", r"\1_\\pi"),
+    "factor": (r"&\s*(=|\\le|\\ge|\\doteq)(?![a-z])", r"\g<0> 2"),
+    "average": (r"(\\bar )?P_(\\pi|\{\\pi(_\*|')\})(\^\{?\w+\}?)?(?!\()(\\,)? ", ""),
+    "model": (r"\\bar\s*", ""),
+    "step size": (r"\\alpha(_\w)?(\^2)?(?!\w) ?", ""),
+    "epsilon": (r"\\varepsilon(_[rp])?(?!\w)", "1"),
+    "mean": (r" - \\mu", ""),
+    "discount left out": (r"\(1 - \\gamma\)", ""),
+    "noise": (r"\\sigma(\^2)?", ""),
+    "indicator": (r"I_\{s'? S_(t|\{t\+1\})\}", ""),
+    "visits": (r"N\(s\)", ""),
+    "number": (r"(?<=[XV])_([ij]|n|\{n-1\})(?!\w)", r"_1"),
+    "exponent": (r"\^(\{n-i\}|\{k-t\}|\{k-1\})", ""),
+    "sum left out": (r"\\(sum|prod)_(\w|\{[^}]*\})(\^(\{[^}]*\}|\w))?(?!\w)", ""),
+    "term left out": (r"(?<=[^&=]) [+-] (?!\\(sum|prod|max|E|mathbb|big|Big|l))[^+\-=&\\()\[\]]+(?= )", ""),
+    "largest for sum": (r"\\lVert (.*?) \\rVert_\\infty", r"\1"),
     "operator": (r"T_\*", r"T_\\pi"),
     "backup": (r"T_(\\pi|\*)(?![\^{]) ", ""),
 }
@@ -784,6 +805,7 @@ def difference(latex, original):
     )
 
 
+ALIKE = "all have the same distribution, and different ones are independent"
 STILL = "the same at every step"
 MARKOV = "Markov: the state S_{t+1} makes it needless"
 FIXED = "a fixed point of the backup"
@@ -791,7 +813,13 @@ ORDER = "the order holds between all of these, and for the best policy all are e
 HARMLESS = {  # {id: {what the changed line holds: why it is no error}}
     "dv-constant-forever": {"= r + \\gamma\\, G_t && \\text{rec": STILL, "G_{t+1}": STILL},
     "dv-not-markov": {"x_t + u_t && \\text{no": STILL, "u_{t+1}": STILL},
+    "dv-average-unbiased": {"E[V_1]": ALIKE, "E[X_1]": ALIKE},
     "dv-average-variance": {
+        "E[(X_i)(X_j - \\mu)]": "mu times E[X_j - mu] is 0",
+        "E[(X_i - \\mu)(X_j)]": "mu times E[X_i - mu] is 0",
+        "E[(X_1 - \\mu)(X_j": ALIKE,
+        "(X_1 - \\mu)]": ALIKE,
+        "(X_1 - \\mu)^2": ALIKE,
         "(X_i + \\mu)(X_j - \\mu)": "E[X_j - mu] = 0, and E[(X + mu)(X - mu)] is the variance",
         "(X_i - \\mu)(X_j + \\mu)": "E[X_i - mu] = 0, and E[(X + mu)(X - mu)] is the variance",
     },
@@ -799,7 +827,11 @@ HARMLESS = {  # {id: {what the changed line holds: why it is no error}}
         "E_\\pi[G_t \\mid S_t = s] && \\text{total": "what does not depend on a, times chances that add to 1"
     },
     "dv-bellman-v": {"S_t = 0, A_t = a, \\\\": MARKOV, "S_t = s, A_t = 0, \\\\": MARKOV, "S_t = s, \\\\": MARKOV},
-    "dv-series": {"P_\\pi^{n+1}\\, x": "every power averages", "P_\\pi^{n-1}\\, x": "every power averages"},
+    "dv-series": {
+        "P_\\pi^{n+1}\\, x": "every power averages",
+        "P_\\pi^{n-1}\\, x": "every power averages",
+        "\\gamma^n x ": "no average is larger",
+    },
     "dv-two-maxima": {"\\max_{a'} g(a) +": "g(a) itself, before it is replaced by the largest"},
     "dv-banach-rate": {"T_*^{k+1} v_*": FIXED},
     "dv-no-policy-better": {
@@ -818,6 +850,8 @@ HARMLESS = {  # {id: {what the changed line holds: why it is no error}}
         "v_\\pi &\\ge v_\\pi": "true of anything",
     },
     "dv-undiscounted-improves": {"T_{\\pi} v_\\pi && \\text{greedy}": ORDER},
+    "dv-inverse-exists": {"\\, \\lVert x \\rVert_\\infty && \\text{triangle}": "the next line"},
+    "dv-noise-bias": {"e^{- \\alpha_t}": "true, but less than what is known: one step instead of all"},
     "dv-noise-variance": {"(X_t - \\mu)] \\\\": "the mixed term is 0"},
     "dv-greedy-loss": {
         "(T_* v_* - T_\\pi V)": "greedy: T_pi V = T_* V",
