@@ -33,15 +33,21 @@ DRAFTS = os.environ.get("DERIVATIONS", "")  # a folder of Markdown files to read
 # ---------------------------------------------------------------------- the page
 
 
+@cache
 def texts():
-    """{name of the page: its Markdown}"""
+    """{name of the page: its Markdown}; of a draft, what the chapters do not hold."""
     found = {}
     for path in sorted(BOOK.glob("0*.ipynb")):
         cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
         found[path.stem] = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    held = {*re.findall(ANCHOR, " ".join(found.values()))}
     for path in sorted(Path(DRAFTS).glob("ch0*.md")) if DRAFTS else []:
-        found[path.stem] = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
+        found[path.stem] = re.sub(ANCHOR, lambda m: "" if m[1] in held else m[0], text)
     return found
+
+
+ANCHOR = r'<span id="(dv-[^"]*)"></span>'
 
 
 @cache
@@ -49,19 +55,19 @@ def derivations():
     """{id: (number of the chapter, LaTeX)} of every display after an anchor dv-..."""
     found = {}
     for page, text in texts().items():
-        for name, latex in re.findall(r'<span id="(dv-[\w-]+)"></span>\s*\$\$(.+?)\$\$', text, re.S):
+        for name, latex in re.findall(ANCHOR + r"\s*\$\$(.+?)\$\$", text, re.S):
             found[name] = (int(re.search(r"\d+", page)[0]), latex)
     return found
 
 
 def anchors():
     """Every anchor dv-... of the pages, whether or not a display follows."""
-    return [name for text in texts().values() for name in re.findall(r'<span id="(dv-[^"]*)">', text)]
+    return [name for text in texts().values() for name in re.findall('<span id="(dv-[^"]*)"', text)]
 
 
 def lines(latex):
     """[(formula, reason)] of a display, a formula that goes on in the next line in one piece."""
-    text = re.sub(r"\\(?:begin|end)\{(?:aligned|gathered)\}", "", latex)
+    text = re.sub(r"\\(?:begin|end)\{(?:aligned|gathered)\}|\{\}", "", latex)
     found = []
     for line in re.split(r"\\\\(?:\[[^]]*\])?", text):
         formula, _, reason = line.strip().partition("&&")
@@ -109,7 +115,7 @@ class Process(Scope):
             ("p|0", "", 3): lambda s_next, s, a: P[int(s), int(a), int(s_next)],
             ("r", "", 2): r, ("r", "", 3): mdp.expected_reward_sas(),
             ("I", "", 0): np.eye(n), ("ones", "", 0): np.ones(n),
-            ("T", "*", 1): lambda x: (optimality_backup if x.ndim == 1 else optimality_backup_q)(mdp, x, gamma),
+            ("T", "*", 1): backup(optimality_backup, optimality_backup_q, mdp, gamma=gamma),
         }  # fmt: skip
         for name, pi in policies.items():
             rows = pi[:, :, None]
@@ -117,15 +123,15 @@ class Process(Scope):
                 (name + "|0", "", 2): lambda a, s, pi=pi: pi[int(s), int(a)],
                 (name, "", 1): pi.argmax(axis=1),
                 ("P", name, 0): (rows * P).sum(axis=1), ("r", name, 0): (pi * r).sum(axis=1),
-                ("T", name, 1): lambda x, pi=pi: (expectation_backup if x.ndim == 1 else expectation_backup_q)(
-                    mdp, pi, x, gamma
-                ),
+                ("T", name, 1): backup(expectation_backup, expectation_backup_q, mdp, pi, gamma=gamma),
             }  # fmt: skip
         self.tables |= {(*key, 0): array for key, array in arrays.items()}
 
     def call(self, name, subscript, args):
         if (name, subscript, len(args)) in self.tables:
             return super().call(name, subscript, args)
+        if name == "delta":
+            raise Unknown(name, *args)
         array = self.tables[name, subscript, 0]
         if len(args) == 1 and np.ndim(args[0]):  # P_\pi (v - w), r (...)
             return array @ args[0]
@@ -146,7 +152,7 @@ class Process(Scope):
         return total + weight * self.call("v", names["policy"], state)
 
     def expect(self, kind, policy, what, given, names):
-        plain = {key: x for key, x in names.items() if not (isinstance(key, tuple) and key[0] in ("S", "A", "R", "G"))}
+        plain = {key: x for key, x in names.items() if not (isinstance(key, tuple))}
         fixed = {(letter, at(self, names)): x(self, names) for letter, at, x in given if letter != "..."}
         if len(fixed) < len(given):
             fixed |= {key: x for key, x in names.items() if isinstance(key, tuple) and key[0] in ("S", "A", "R")}
@@ -189,9 +195,25 @@ class Process(Scope):
                 seen = {("A", now): a, ("R", now + 1): r, ("S", now + 1): s_next}
                 if not chance or any(fixed.get(key, x) != x for key, x in seen.items()):
                     continue
+                if ("V", "", 0) in self.tables:
+                    V = self.tables["V", "", 0]
+                    seen["delta", now] = r + self.gamma * V[s_next] - V[s]
                 x, y = self.go_on(p * chance * q, {**names, **seen}, now + 1, start, of)
                 total, weight = total + x, weight + y
         return total, weight
+
+
+def backup(of_v, of_q, *given, gamma):
+    """T_pi or T_* of an array of values, (S,) or (S, A), which remembers what it has computed."""
+    known = {}
+
+    def value(x):
+        key = x.shape, x.tobytes()
+        if key not in known:
+            known[key] = (of_v if x.ndim == 1 else of_q)(*given, x, gamma)
+        return known[key]
+
+    return value
 
 
 def rng(seed=0):
@@ -388,13 +410,13 @@ def greedy_on_estimates():
         yield solved(mdp, gamma, {("V", ""): V}, {r"\varepsilon": 9.0}, pi=greedy(q_from_v(mdp, V, gamma))), [{}]
         after, pays, stay = (
             np.array([[1, 0], [1, 1]]),
-            np.array([[0, -2 * gamma], [0, 0]]),
+            np.array([[0, -3 * gamma], [0, 0]]),
             np.array([[0.0, 1], [0, 1]]),
         )
         of_all = np.ones((2, 2), bool), np.zeros(2, bool), [1.0, 0.0]
         mdp = FiniteMDP(after[..., None], np.ones((2, 2, 1)), 50 + pays[..., None], *of_all)
-        V = optimal(mdp, gamma)[0] + [1.0, -1.0]
-        yield solved(mdp, gamma, {("V", ""): V}, {r"\varepsilon": 1.0}, pi=stay), [{}]
+        V = optimal(mdp, gamma)[0] + [1.5, -1.5]
+        yield solved(mdp, gamma, {("V", ""): V}, {r"\varepsilon": 1.5}, pi=stay), [{}]
 
 
 # ---------------------------------------------------------------------- chapter 3
@@ -413,6 +435,11 @@ def improved(free, soft=0.0):
 
 
 UNFINISHED = (12, 46)  # seeds with which one round of improvement does not reach the best
+
+
+def unrolled():
+    for i, (scope, found) in enumerate(improved(times(s=(0, 2), t=(0,), n=(2,)))):
+        yield scope, found + times(s=(1,), t=(0,), n=(3,)) * (not i)
 
 
 def best_soft(mdp, gamma, soft):
@@ -470,7 +497,7 @@ def modelled(mdp, model, pi, gamma):
 
 
 def ending():
-    """gamma = 1 and a chance to end at every step; pi at random, or the best one; pi' greedy for it. x: ones at last."""
+    """gamma = 1, a chance to end at every step; pi at random, or the best one; pi' greedy for it; x: ones at last."""
     for seed in (0, 1):
         draw = rng(seed)
         outcomes = {
@@ -487,6 +514,91 @@ def ending():
                 scope.tables["ones", "", 0] = np.array([1.0, 1, 1, 0])
                 scope.greek[r"\rho"] = np.linalg.matrix_power(scope.tables["P", "pi", 0], 2).sum(axis=1).max()
                 yield scope, times(j=(1, 2), n=(2,), infinity=(200,))
+
+
+# ---------------------------------------------------------------------- chapter 4
+
+
+def running_means(alpha=None):
+    """X_1 ... X_5 and their means; with alpha, what a constant step size makes of them and of V_0."""
+    for seed in (0, 1):
+        X, V = rng(seed).normal(size=6), [0.7]
+        for n in range(1, 6):
+            V.append(V[-1] + (alpha or 1 / n) * (X[n] - V[-1]))
+        tables = {("X", "indexed", 1): X, ("V", "indexed", 1): np.array(V)}
+        yield Scope({}, tables, greek={r"\alpha": alpha}), times(n=(2, 3, 5))
+
+
+def estimates(free=STATES, epsilon=0.2):
+    """V, Q and U at random; then U below Q by a constant. pi: epsilon-greedy for Q."""
+    for seed, gamma in enumerate(GAMMAS):
+        V, (Q, U) = rng(seed).normal(size=3), rng(seed).normal(size=(2, 3, 2))
+        pi = epsilon / 2 + (1 - epsilon) * greedy(Q)
+        for table in (U, Q - 1.5):
+            arrays = {("V", ""): V, ("Q", ""): Q, ("U", ""): table}
+            yield solved(random_mdp(seed), gamma, arrays, {r"\varepsilon": epsilon}, pi=pi), free
+
+
+PAIRS = times(s=range(3), a=(0, 1), t=(0,), m=(2,))
+
+
+def record():
+    """An episode of 8 steps in three states, V at random, and the model that was counted."""
+    for gamma in GAMMAS:
+        S, R, V = np.array([0, 1, 2, 0, 0, 2, 1, 1, 2]), rng(3).normal(size=8), rng(4).normal(size=3)
+        N, P, r = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+        for s, s_next, reward in zip(S, S[1:], R):
+            N[s], P[s, s_next], r[s] = N[s] + 1, P[s, s_next] + 1, r[s] + reward
+        P, r = P / N[:, None], r / N
+        tables = {
+            ("S", "", 1): S, ("V", "", 1): V, ("N", "", 1): N, ("barr", "", 1): r, ("barP", "", 2): P,
+            ("barv", "", 1): np.linalg.solve(np.eye(3) - gamma * P, r),
+            ("delta", "indexed", 1): R + gamma * V[S[1:]] - V[S[:-1]],
+        }  # fmt: skip
+        yield Scope({"s": range(3)}, tables, R, gamma), [{"s": s, "s'": s_next} for s, s_next in np.ndindex(3, 3)]
+
+
+def ended():
+    """An episode that ends after 6 steps in a state worth 0."""
+    for gamma in GAMMAS:
+        R, V = rng(6).normal(size=6), np.append(rng(7).normal(size=6), 0.0)
+        G = np.append(discounted_returns(R, gamma), 0.0)
+        tables = {
+            ("S", "", 1): lambda t: int(t), ("V", "", 1): V, ("G", "", 1): G,
+            ("delta", "indexed", 1): R + gamma * V[1:] - V[:-1],
+        }  # fmt: skip
+        yield Scope({}, tables, R, gamma), times(t=range(4))
+
+
+SHRINKING = (0.5, 0.3, 0.2), (0.9, 0.1, 0.4)
+
+
+def noisy_steps(*attained):
+    """Every outcome of X_0, X_1, X_2, and V_1, V_2, V_3; at last step sizes with which a bound is attained."""
+    x, p = np.array([-1.0, 4.0]), np.array([0.4, 0.6])
+    mu = p @ x
+    for alpha in (*SHRINKING, *attained):
+        outcomes = []
+        for which in itertools.product(range(2), repeat=3):
+            V = [0.7]
+            for a, k in zip(alpha, which):
+                V.append(V[-1] + a * (x[k] - V[-1]))
+            seen = {("X", t): x[k] for t, k in enumerate(which)} | {("V", t): v for t, v in enumerate(V)}
+            outcomes.append((p[list(which)].prod(), seen))
+        scope = Numbers({}, {("alpha", "indexed", 1): np.array(alpha)}, (), 0.9, trajectories=outcomes)
+        known = {"n": 3, "m": 1, "mu": mu, "sigma": np.sqrt(p @ (x - mu) ** 2), ("V", 0): 0.7}
+        yield scope, [{"t": t, **known} for t in (1, 2)]
+
+
+def one_outcome():
+    for scope, found in noisy_steps():
+        for _, seen in scope.trajectories[1:5:3]:
+            yield scope, [{**names, **seen} for names in found]
+
+
+def constant_noise():
+    alpha, sigma = 0.3, 1.7
+    yield Scope({}, {}, greek={r"\alpha": alpha}), [{"sigma": sigma, "x": alpha * sigma**2 / (2 - alpha)}]
 
 
 # ---------------------------------------------------------------------- which is which
@@ -533,7 +645,7 @@ REGISTRY = {
     "dv-no-policy-better": Derivation(2, policies_and_best),
     "dv-greedy-optimal": Derivation(2, values),
     "dv-greedy-loss": Derivation(2, greedy_on_estimates),
-    "dv-improvement": Derivation(3, lambda: improved(times(s=(0, 2), t=(0,), n=(2,)) + times(s=(1,), t=(0,), n=(3,)))),
+    "dv-improvement": Derivation(3, unrolled),
     "dv-improvement-greedy": Derivation(3, lambda: improved(STATES)),
     "dv-improvement-soft": Derivation(3, lambda: improved(times(s=range(3), m=(2,)), soft=0.3)),
     "dv-iteration-stops": Derivation(3, lambda: improved([{}])),
@@ -547,6 +659,21 @@ REGISTRY = {
     "dv-undiscounted-greedy": Derivation(3, ending),
     "dv-undiscounted-others": Derivation(3, ending),
     "dv-undiscounted-improves": Derivation(3, ending),
+    "dv-incremental-mean": Derivation(4, running_means),
+    "dv-constant-alpha": Derivation(4, lambda: running_means(0.3)),
+    "dv-td-mean": Derivation(4, estimates),
+    "dv-mc-error": Derivation(4, ended),
+    "dv-noise-recursion": Derivation(4, one_outcome),
+    "dv-noise-bias": Derivation(4, lambda: noisy_steps((0.0, 0.0, 0.0))),
+    "dv-noise-variance": Derivation(4, noisy_steps),
+    "dv-noise-unrolled": Derivation(4, lambda: noisy_steps((0.5, 0.3, 0.0), (0.9, 0.0, 0.4))),
+    "dv-noise-constant": Derivation(4, constant_noise),
+    "dv-batch-td": Derivation(4, record),
+    "dv-batch-rest": Derivation(4, record),
+    "dv-q-learning-mean": Derivation(4, lambda: estimates(PAIRS)),
+    "dv-q-contraction": Derivation(4, lambda: estimates(PAIRS)),
+    "dv-sarsa-mean": Derivation(4, lambda: estimates(PAIRS)),
+    "dv-sarsa-limit": Derivation(4, lambda: estimates([{"s'": x["a"], **x} for x in PAIRS])),
 }
 
 
@@ -642,6 +769,21 @@ BREAKS = {
     "root": (r"\\sqrt", ""),
     "value": (r"v_\\pi(?!')", "v_*"),
     "best value": (r"(?<![a-zA-Z])([vq])_\*", r"\1_\\pi"),
+    "factor": (r"&\s*(=|\\le|\\ge|\\doteq)(?![a-z])", r"\g<0> 2"),
+    "average": (r"(\\bar )?P_(\\pi|\{\\pi(_\*|')\})(\^\{?\w+\}?)?(?!\()(\\,)? ", ""),
+    "model": (r"\\bar\s*", ""),
+    "step size": (r"\\alpha(_\w)?(\^2)?(?!\w) ?", ""),
+    "epsilon": (r"\\varepsilon(_[rp])?(?!\w)", "1"),
+    "mean": (r" - \\mu", ""),
+    "discount left out": (r"\(1 - \\gamma\)", ""),
+    "noise": (r"\\sigma(\^2)?", ""),
+    "indicator": (r"I_\{s'? S_(t|\{t\+1\})\}", ""),
+    "visits": (r"N\(s\)", ""),
+    "number": (r"(?<=[XV])_([ij]|n|\{n-1\})(?!\w)", r"_1"),
+    "exponent": (r"\^(\{n-i\}|\{k-t\}|\{k-1\})", ""),
+    "sum left out": (r"\\(sum|prod)_(\w|\{[^}]*\})(\^(\{[^}]*\}|\w))?(?!\w)", ""),
+    "term left out": (r"(?<=[^&=]) [+-] (?!\\(sum|prod|max|E|mathbb|big|Big|l))[^+\-=&\\()\[\]]+(?= )", ""),
+    "largest for sum": (r"\\lVert (.*?) \\rVert_\\infty", r"\1"),
     "operator": (r"T_\*", r"T_\\pi"),
     "backup": (r"T_(\\pi|\*)(?![\^{]) ", ""),
 }
@@ -663,6 +805,7 @@ def difference(latex, original):
     )
 
 
+ALIKE = "all have the same distribution, and different ones are independent"
 STILL = "the same at every step"
 MARKOV = "Markov: the state S_{t+1} makes it needless"
 FIXED = "a fixed point of the backup"
@@ -670,7 +813,13 @@ ORDER = "the order holds between all of these, and for the best policy all are e
 HARMLESS = {  # {id: {what the changed line holds: why it is no error}}
     "dv-constant-forever": {"= r + \\gamma\\, G_t && \\text{rec": STILL, "G_{t+1}": STILL},
     "dv-not-markov": {"x_t + u_t && \\text{no": STILL, "u_{t+1}": STILL},
+    "dv-average-unbiased": {"E[V_1]": ALIKE, "E[X_1]": ALIKE},
     "dv-average-variance": {
+        "E[(X_i)(X_j - \\mu)]": "mu times E[X_j - mu] is 0",
+        "E[(X_i - \\mu)(X_j)]": "mu times E[X_i - mu] is 0",
+        "E[(X_1 - \\mu)(X_j": ALIKE,
+        "(X_1 - \\mu)]": ALIKE,
+        "(X_1 - \\mu)^2": ALIKE,
         "(X_i + \\mu)(X_j - \\mu)": "E[X_j - mu] = 0, and E[(X + mu)(X - mu)] is the variance",
         "(X_i - \\mu)(X_j + \\mu)": "E[X_i - mu] = 0, and E[(X + mu)(X - mu)] is the variance",
     },
@@ -678,7 +827,11 @@ HARMLESS = {  # {id: {what the changed line holds: why it is no error}}
         "E_\\pi[G_t \\mid S_t = s] && \\text{total": "what does not depend on a, times chances that add to 1"
     },
     "dv-bellman-v": {"S_t = 0, A_t = a, \\\\": MARKOV, "S_t = s, A_t = 0, \\\\": MARKOV, "S_t = s, \\\\": MARKOV},
-    "dv-series": {"P_\\pi^{n+1}\\, x": "every power averages", "P_\\pi^{n-1}\\, x": "every power averages"},
+    "dv-series": {
+        "P_\\pi^{n+1}\\, x": "every power averages",
+        "P_\\pi^{n-1}\\, x": "every power averages",
+        "\\gamma^n x ": "no average is larger",
+    },
     "dv-two-maxima": {"\\max_{a'} g(a) +": "g(a) itself, before it is replaced by the largest"},
     "dv-banach-rate": {"T_*^{k+1} v_*": FIXED},
     "dv-no-policy-better": {
@@ -695,9 +848,11 @@ HARMLESS = {  # {id: {what the changed line holds: why it is no error}}
     "dv-undiscounted-others": {
         "v_* &\\ge v_*": "true of anything",
         "v_\\pi &\\ge v_\\pi": "true of anything",
-        "T_\\pi v_\\pi && \\text{maximum": ORDER,
     },
     "dv-undiscounted-improves": {"T_{\\pi} v_\\pi && \\text{greedy}": ORDER},
+    "dv-inverse-exists": {"\\, \\lVert x \\rVert_\\infty && \\text{triangle}": "the next line"},
+    "dv-noise-bias": {"e^{- \\alpha_t}": "true, but less than what is known: one step instead of all"},
+    "dv-noise-variance": {"(X_t - \\mu)] \\\\": "the mixed term is 0"},
     "dv-greedy-loss": {
         "(T_* v_* - T_\\pi V)": "greedy: T_pi V = T_* V",
         "&= v_* - T_\\pi v_\\pi": FIXED,

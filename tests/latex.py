@@ -265,6 +265,8 @@ class Reader:
         if token == r"\Var":
             return self.variance()
         if token in (r"\alpha", r"\beta", r"\lambda", r"\epsilon", r"\varepsilon", r"\rho"):
+            if self.peek() == "_" and {*self.tokens[self.i + 1 : self.i + 2]} & {"t", "k", "j"}:
+                return self.symbol(token.strip("\\"), *self.indices(token))
             letter = token + "_" + self.need("w", "r", "p") if self.take("_") else token
             return lambda scope, names: scope.greek[letter]
         if token == "I" and self.peek() == "_":
