@@ -4,11 +4,11 @@ from collections import namedtuple
 
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.patches import Arc
+from matplotlib.patches import Arc, Rectangle
 
 from rlcore.bellman import q_from_v, solve_policy
 from rlcore.dp import value_iteration
-from rlcore.plots.style import PALETTE, band, circle, new_diagram, new_figure, text_colour
+from rlcore.plots.style import PALETTE, SMALL, band, circle, new_diagram, new_figure, styles
 
 # kind: "s" open circle, "a" solid circle; edge: words on the branch above; strong: whether that branch is a maximum
 Node = namedtuple("Node", "kind text name edge strong children", defaults=("", "", False, ()))
@@ -86,7 +86,7 @@ def _draw_node(ax, node, left, y, step, drop, radius, arcs):
         ax.plot([x, below], [y, y - drop], color=PALETTE["black"], ls="-", lw=4.5 if child.strong else 1.6, zorder=1)
         if child.edge:
             at = 0.66 if len(xs) > 2 and node.kind == "s" and not child.children else 0.5
-            font = {"fontsize": 12, "linespacing": 1, "bbox": {"fc": "white", "ec": "none", "pad": 0.5}}
+            font = {"fontsize": SMALL, "linespacing": 1, "bbox": {"fc": "white", "ec": "none", "pad": 0.5}}
             ax.text(x + at * (below - x), y - at * drop, child.edge, ha="center", va="center", zorder=1.5, **font)
     if arcs and node.kind == "s" and xs:
         low, high = (np.degrees(np.arctan2(-drop, end - x)) for end in (xs[0], xs[-1]))
@@ -95,12 +95,12 @@ def _draw_node(ax, node, left, y, step, drop, radius, arcs):
         )
         ax.text(x - radius - 0.2, y + 0.3, "max", color=PALETTE["vermillion"], fontsize=13, ha="right")
     face = PALETTE["black"] if node.kind == "a" else "white"
-    circle(ax, (x, y), node.text, radius=radius, face=face, edge=PALETTE["black"], fontsize=12.5)
+    circle(ax, (x, y), node.text, radius=radius, face=face, edge=PALETTE["black"], fontsize=SMALL)
     if node.name:
         if node.children:
-            ax.text(x + radius + 0.15, y + 0.1, node.name, fontsize=12.5)
+            ax.text(x + radius + 0.15, y + 0.1, node.name, fontsize=SMALL)
         else:
-            ax.text(x, y - radius - 0.12, node.name, ha="center", va="top", fontsize=12.5)
+            ax.text(x, y - radius - 0.12, node.name, ha="center", va="top", fontsize=SMALL)
     return x
 
 
@@ -112,42 +112,51 @@ def golf(panels, shape, *, hole, tee, sand=()):
 
     panels: {title: (S,)}; values are rounded up to whole strokes. sand: cells drawn in grey where the value is -inf.
     """
-    fig, axes = new_figure(len(panels), 1, width=6.4, height=0.5 + 2.5 * len(panels), squeeze=False)
+    fig, axes = new_figure(len(panels), 1, height=0.5 + 2.3 * len(panels), squeeze=False)
     colours = ListedColormap(["#f7fcb9", "#d9f0a3", "#addd8e", "#78c679", "#41ab5d", "#238443", "#005a32"][::-1])
     colours = colours.with_extremes(bad="#8c8c8c")
     for ax, (title, values) in zip(axes[:, 0], panels.items()):
         strokes = np.where(np.isfinite(values), np.floor(np.asarray(values) + 1e-6), np.nan).reshape(shape)
         norm = BoundaryNorm(np.arange(-6.5, 1), 7)
         image = ax.imshow(np.ma.masked_invalid(strokes), cmap=colours, norm=norm, interpolation="nearest")
-        for name, (row, col) in (("hole", hole), ("tee", tee)):
-            ax.plot(col, row, "o", color="white", ms=9, mec="black", mew=1.8)
-            ax.annotate(name, (col, row - 1.1), ha="center", fontsize=13, weight="bold")
-        for row, col in sand:
-            if not np.isfinite(strokes[row, col]):
-                ax.text(col, row, "$-\\infty$", ha="center", va="center", fontsize=9, color="white")
+        _mark(ax, hole=hole, tee=tee)
+        if any(not np.isfinite(strokes[cell]) for cell in sand):
+            grey = ax.add_patch(Rectangle((0, 0), 0, 0, fc="#8c8c8c"))
+            ax.legend([grey], ["sand: −∞"], loc="lower left", borderpad=0.3)
         ax.set(title=title, xticks=[], yticks=[])
         ax.grid(False)
-        bar = fig.colorbar(image, ax=ax, ticks=np.arange(-6, 1), fraction=0.05, pad=0.02)
-        bar.set_label("strokes left (negative)", fontsize=11)
+    bar = fig.colorbar(image, ax=axes, ticks=np.arange(-6, 1), fraction=0.06, pad=0.02)
+    bar.set_label("value: strokes left, negative")
     return fig
+
+
+def _mark(ax, **places):
+    """A dot and a name on a white ground for each place (row, column)."""
+    for name, (row, col) in places.items():
+        ax.plot(col, row, "o", color="white", ms=9, mec="black", mew=1.8)
+        ground = {"fc": "white", "ec": "none", "pad": 0.6, "alpha": 0.85}
+        side = "left" if col < 2 else "center"
+        at = (col - 0.5 * (col < 2), row + 1.7)
+        ax.annotate(name, at, ha=side, va="center", fontsize=SMALL, bbox=ground)
 
 
 def best_clubs(putter, driver, shape, *, hole, tee, sand=()):
     """The best club of every cell; putter, driver: (S,), values of playing that club first. fig-5, ex-golf-driver"""
-    fig, ax = new_figure(width=6.4, height=3.2)
+    fig, ax = new_figure(height=3.2)
     gap = np.asarray(putter) - driver
     club = np.where(np.abs(gap) < 1e-6, 1, np.where(gap > 0, 2, 0)).reshape(shape)
     colours = ListedColormap([PALETTE["blue"], "#c9d3dc", "#f2c14e"])
     ax.imshow(club, cmap=colours, vmin=-0.5, vmax=2.5, interpolation="nearest")
-    for r, c in sand:
-        ax.text(c, r, "s", ha="center", va="center", fontsize=11, color=text_colour(colours(int(club[r, c]))))
-    for name, (row, col) in (("hole", hole), ("tee", tee)):
-        ax.plot(col, row, "o", color="white", ms=9, mec="black", mew=1.8)
-        ground = {"fc": "white", "ec": "none", "pad": 0.6}
-        ax.annotate(name, (col, row + 1.4), ha="center", va="center", fontsize=12, bbox=ground)
-    for colour, name in zip(colours.colors, ("driver", "either", "putter")):
-        ax.plot([], [], "s", color=colour, ms=11, label=name)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=3, frameon=False)
+    for row, col in sand:
+        cell = Rectangle((col - 0.5, row - 0.5), 1, 1, fill=False, ec="white", lw=0, hatch="xxxx")
+        ax.add_patch(cell)
+    _mark(ax, hole=hole, tee=tee)
+    keys = [Rectangle((0, 0), 1, 1, fc=colour) for colour in colours.colors]
+    names = ["driver", "either", "putter"]
+    if len(sand):
+        keys.append(Rectangle((0, 0), 1, 1, fc=PALETTE["grey"], ec="white", lw=0, hatch="xxxx"))
+        names.append("sand")
+    ax.legend(keys, names, loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=4, frameon=False, handlelength=1)
     ax.set(title=f"best play is worth {max(putter[i := tee[0] * shape[1] + tee[1]], driver[i]):.2f} from the tee")
     ax.set(xticks=[], yticks=[])
     ax.grid(False)
@@ -157,8 +166,8 @@ def best_clubs(putter, driver, shape, *, hole, tee, sand=()):
 def visits_and_errors(runs):
     """Error of each action value against how often it was updated; runs: {label: (visits (n,), errors (n,))}. cl-022"""
     fig, ax = new_figure()
-    for (label, (visits, errors)), mark in zip(runs.items(), "os^"):
-        ax.plot(visits, errors, mark, ms=5, alpha=0.6, label=label)
+    for (label, (visits, errors)), mark, style in zip(runs.items(), "os^", styles(runs).values()):
+        ax.plot(visits, errors, mark, ms=5, alpha=0.6, label=label, color=style["color"])
     ax.set(xlabel="updates of the pair", ylabel="$|Q - q_*|$", xscale="symlog")
     ax.legend()
     return fig
@@ -169,8 +178,8 @@ def staircase(exact, runs):
     fig, ax = new_figure()
     x = np.arange(exact.size)
     ax.plot(x, exact, color=PALETTE["black"], ls="-", lw=1.4, label="exact")
-    for (label, values), colour in zip(runs.items(), ("vermillion", "blue")):
-        band(ax, x, values.mean(axis=0), values.std(axis=0), label, color=PALETTE[colour])
+    for (label, values), style in zip(runs.items(), styles(runs).values()):
+        band(ax, x, values.mean(axis=0), values.std(axis=0), label, **style)
     ax.set(xlabel="state", ylabel="value")
     ax.legend()
     return fig
@@ -179,8 +188,8 @@ def staircase(exact, runs):
 def bands(curves, *, xlabel, ylabel, log_y=False, log_x=False):
     """Mean and spread (one standard deviation over runs) of curves {label: (x, (n_runs, n))}. ex-tabular, cl-022"""
     fig, ax = new_figure()
-    for label, (x, values) in curves.items():
-        band(ax, x, values.mean(axis=0), values.std(axis=0), label)
+    for (label, (x, values)), style in zip(curves.items(), styles(curves).values()):
+        band(ax, x, values.mean(axis=0), values.std(axis=0), label, **style)
     ax.set(xlabel=xlabel, ylabel=ylabel)
     if log_y:
         ax.set_yscale("log")

@@ -12,7 +12,7 @@ def backup_spectrum(steps, weights=None, title=""):
 
     steps: how many steps each looks ahead; the last one reaches the end. weights: written under the columns.
     """
-    fig, ax = new_diagram((-1, 2 * len(steps) - 0.4), (-2 * max(steps) - 1.9, 1.2), width=7.0, height=4.6)
+    fig, ax = new_diagram((-1, 2 * len(steps) - 0.4), (-2 * max(steps) - 1.9, 1.2), height=4.6)
     ax.set_aspect("auto")
     for k, n in enumerate(steps):
         x, last = 2 * k, k == len(steps) - 1
@@ -48,7 +48,7 @@ def time_line(states, t, heights, title, *, forward):
     S_0 ... S_t are credited with, (t + 1,), one entry a time.
     """
     T = len(states) - 1
-    fig, ax = new_figure(width=7.2, height=3.4)
+    fig, ax = new_figure(height=3.4)
     x = np.arange(t + 1, T + 1) if forward else np.arange(t + 1)
     largest = max(np.abs(heights).max(), 1e-12)
     ax.bar(x, np.asarray(heights) / largest, width=0.5, color=BLUE if forward else GREEN, alpha=0.85)
@@ -72,7 +72,7 @@ def time_line(states, t, heights, title, *, forward):
 
 def trace_courses(courses, visits, title=""):
     """The trace of one state in time, a panel for each kind, its visits marked. fig-26; courses: {kind: (n,)}."""
-    fig, axes = new_figure(len(courses), 1, width=6.4, height=5.4, sharex=True, sharey=True)
+    fig, axes = new_figure(len(courses), 1, height=5.4, sharex=True, sharey=True)
     for ax, (kind, course), colour in zip(axes, courses.items(), (BLUE, GREEN, RED)):
         t = np.arange(course.size)
         ax.step(t, course, where="post", color=colour, ls="-")

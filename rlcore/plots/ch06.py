@@ -15,7 +15,7 @@ def network_diagram(sizes, *, weights=None, names=None, values=None, lit=(), bra
     (n_l, n_{l-1}), drawn as width and colour (orange: negative). names: texts of input and output neurons.
     values: activations of each layer, written in. lit: (layer, neuron) in red. brackets: pairs in the middle.
     """
-    fig, ax = new_diagram((-0.6, len(sizes) - 0.4), (-0.62, 0.68), width=7.0, height=4.0)
+    fig, ax = new_diagram((-0.6, len(sizes) - 0.4), (-0.62, 0.68), height=4.0)
     ax.set_aspect("auto")
     shown = [range(n) if n <= MOST else [*range(MOST // 2), *range(n - MOST // 2, n)] for n in sizes]
     place = [dict(zip(ids, 0.5 - (np.arange(len(ids)) + 0.5) / len(ids))) for ids in shown]
@@ -145,7 +145,7 @@ def errors_by_size(n, errors):
 
 def decision(surface, points, labels, title=""):
     """Output of a network over two inputs, with examples. fig-32; surface: (n, n) over [0, 1]^2; points: (m, 2)."""
-    fig, ax = new_figure(width=5.4, height=4.4)
+    fig, ax = new_figure(height=4.4)
     image = ax.imshow(surface, origin="lower", extent=(0, 1, 0, 1), cmap="cividis", vmin=0, vmax=1)
     for value, mark in ((0, "o"), (1, "s")):
         ax.plot(*points[labels == value].T, mark, ms=4, color="white" if value == 0 else RED, mec=BLACK, mew=0.5)
@@ -157,7 +157,7 @@ def decision(surface, points, labels, title=""):
 
 def digit(image, output, label):
     """One digit, and what the network says of it. fig-31, fig-47; image: (28, 28); output: (10,)."""
-    fig, (left, right) = new_figure(1, 2, width=6.6, height=2.8, width_ratios=[1, 1.6])
+    fig, (left, right) = new_figure(1, 2, height=2.8, width_ratios=[1, 1.6])
     heatmap(left, image, fmt=None, cmap="Greys")
     left.set_title(f"a {label}")
     colours = [RED if k == int(output.argmax()) else BLUE for k in range(10)]
@@ -193,7 +193,7 @@ def descent_1d(v, C, slope, path, title=""):
 
 def flow():
     """From an image through the network to a cost. fig-31"""
-    fig, ax = new_diagram((-0.8, 10.6), (-1.4, 1.4), width=7.2)
+    fig, ax = new_diagram((-0.8, 10.6), (-1.4, 1.4))
     for x, text in ((0, "x"), (3, "network\nw, b"), (6.2, "a(x)"), (9.6, "cost\nC(w, b)")):
         circle(ax, (x, 0), text, radius=0.75, fontsize=11)
     for start, end in ((0.75, 2.25), (3.75, 5.45), (6.95, 8.85)):

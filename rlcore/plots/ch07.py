@@ -100,7 +100,7 @@ def two_rules(d, soft, greedy):
 
 def bluff_paths(paths):
     """How often to bluff and how often to call, while both learn; paths: {label: (n, 2)}. ex-bluff, cl-102"""
-    fig, ax = new_figure(width=5.2, height=4.4)
+    fig, ax = new_figure(height=4.4)
     for (label, path), colour, line in zip(paths.items(), (BLUE, RED), ("-", ":")):
         ax.plot(*path.T, color=colour, ls=line, lw=1.2, label=label)
     ax.plot([1 / 3], [2 / 3], "X", color=BLACK, ms=11, label="equilibrium (1/3, 2/3)")

@@ -16,7 +16,7 @@ def log_probability_step(screen, names, before, after, put, title=""):
     screen: (rows, columns). names: of the actions. before, after: (A,) log probabilities. put: (A,), the gradient that
     was put on each.
     """
-    fig, (left, middle, right) = new_figure(1, 3, width=7.6, height=3.4, width_ratios=[0.55, 1, 1.3])
+    fig, (left, middle, right) = new_figure(1, 3, height=3.4, width_ratios=[0.55, 1, 1.3])
     left.imshow(screen, cmap="Greys", vmin=0, vmax=1.4)
     left.set(xticks=[], yticks=[], title="screen")
     left.grid(False)
@@ -60,7 +60,7 @@ def catch_rates(rates, *, width=200):
 
     Each point is the mean of `width` episodes.
     """
-    fig, axes = new_figure(1, len(rates), width=7.4, height=3.6, sharey=True, squeeze=False)
+    fig, axes = new_figure(1, len(rates), height=3.6, sharey=True, squeeze=False)
     for ax, (label, values), colour in zip(axes[0], rates.items(), (BLUE, RED, GREEN)):
         n = values.shape[1] // width
         means = values[:, : n * width].reshape(len(values), n, width).mean(axis=2)
@@ -76,7 +76,7 @@ def catch_rates(rates, *, width=200):
 
 def two_distances(theta, kls):
     """The same step of the parameter from several starts, on the policy and as KL; theta, kls: (n,). ex-distance"""
-    fig, (left, right) = new_figure(1, 2, width=7.4, height=3.6)
+    fig, (left, right) = new_figure(1, 2, height=3.6)
     line = np.linspace(-1, theta[-1] + 2, 200)
     left.plot(line, 1 / (1 + np.exp(-line)), color=BLUE, ls="-")
     for start in theta:
@@ -101,7 +101,7 @@ def two_searches(f, paths, radii, *, xlim=(-1.7, 1.7), ylim=(-0.8, 2.2)):
     """
     from matplotlib.patches import Circle
 
-    fig, ax = new_figure(width=6.2, height=4.8)
+    fig, ax = new_figure(height=4.8)
     x, y = np.meshgrid(np.linspace(*xlim, 200), np.linspace(*ylim, 200))
     ax.contour(x, y, np.log10(0.01 - f(x, y)), levels=12, cmap="Greys_r", linewidths=0.8, linestyles="-")
     for (label, path), colour, line in zip(paths.items(), (BLUE, RED), ("-", "--")):
