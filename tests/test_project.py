@@ -56,7 +56,7 @@ sys.setprofile(count)
 import {", ".join(MODULES)}
 sys.setprofile(None)
 new = {{name for name in set(sys.modules) - before if not name.startswith("rlcore")}}
-foreign = {{name.split(".")[0] for name in new}} - set(sys.stdlib_module_names) - {{"__mp_main__"}}
+foreign = {{name.split(".")[0] for name in new}} - set(sys.stdlib_module_names) - {{"__mp_main__", "numpy"}}
 print(calls, len(new), *sorted(foreign))
 """
 
