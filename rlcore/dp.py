@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.bellman import error_bound, greedy, policy_error_bound, q_from_v, solve_policy
 from rlcore.core.chains import chain, reaches
@@ -11,7 +10,7 @@ from rlcore.core.checks import check_policy
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution
 from rlcore.core.rules import checked
-from rlcore.core.types import Flags, Floats, Ints
+from rlcore.core.types import ArrayLike, Flags, Floats, Ints
 from rlcore.mdp import FiniteMDP, uniform_policy
 
 

@@ -4,6 +4,8 @@ In Jupyter an ipywidgets panel switches the pictures. On the page the same pictu
 by radio buttons and CSS alone: no script, no server. In print and in a PDF there is one picture.
 """
 
+from __future__ import annotations
+
 import base64
 import hashlib
 import html
@@ -13,6 +15,7 @@ import numbers
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 from urllib.parse import quote
 
 from rlcore.core.checks import show
@@ -93,7 +96,7 @@ class Explorer:
             )
         return f"<fieldset><legend>{html.escape(self.labels[name])}</legend>{''.join(knobs)}</fieldset>"
 
-    def widget(self):
+    def widget(self) -> Any:
         """The live panel (ipywidgets): a slider for numbers, buttons for words, and the picture they choose."""
         with extra("notebook"):
             import ipywidgets as w
@@ -162,14 +165,9 @@ def _choices(name, choices, given):
     alt=function_of("the choices that returns a text"), fmt=choice("svg", "png"),
 )  # fmt: skip
 def explore(
-    draw: Callable,
-    *,
-    title: str,
-    alt: Callable | None = None,
-    fmt: str = "svg",
-    labels: dict[str, str] | None = None,
-    **choices,
-) -> Explorer:
+    draw: Callable[..., Any], *, title: str, alt: Callable[..., str] | None = None, fmt: str = "svg",
+    labels: dict[str, str] | None = None, **choices: Any,
+) -> Explorer:  # fmt: skip
     """Show ``draw(**values)`` for every combination of the choices, with a control for each choice.
 
     draw: called with one value per choice; returns a matplotlib Figure. title: shown above the controls.

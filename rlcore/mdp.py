@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.core.checks import Model, as_flags, as_floats, as_integers, check_finite, check_index, check_world, where
 from rlcore.core.learner import learner
@@ -24,7 +23,7 @@ from rlcore.core.outcomes import (
 )
 from rlcore.core.rules import checked, count, index, takes_none
 from rlcore.core.sampling import Sampler, cumulative, draw, step
-from rlcore.core.types import Floats, Ints, Rng, World
+from rlcore.core.types import ArrayLike, Floats, Ints, Rng, World
 from rlcore.core.worlds import act, reset
 
 _state_of_self = index(lambda given: given["self"].n_states)
@@ -48,8 +47,8 @@ class FiniteMDP(Model):
     legal: np.ndarray
     terminal: np.ndarray
     start: np.ndarray
-    state_names: tuple | None = None
-    action_names: tuple | None = None
+    state_names: Sequence[Any] | None = None
+    action_names: Sequence[Any] | None = None
 
     def __post_init__(self) -> None:
         kinds = dict(next_state=as_integers, prob=as_floats, reward=as_floats, legal=as_flags, terminal=as_flags)

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.core.agents import ActorCritic, Gradient, Policy, make_agent
 from rlcore.core.checks import check_flag, check_nonnegative, check_positive
@@ -32,7 +31,7 @@ from rlcore.core.results import Run
 from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
 from rlcore.core.rules import anything, array, checked, choice, instance, rules
 from rlcore.core.samples import finite_numbers
-from rlcore.core.types import Array, Floats, Network, OnEpisode, Rng
+from rlcore.core.types import Array, ArrayLike, Floats, Network, OnEpisode, Rng
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 from rlcore.trust_region import adapt_beta

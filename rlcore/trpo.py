@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.core.agents import ActorCritic, Policy, make_agent
 from rlcore.core.checks import check_fraction, check_nonnegative, check_positive
@@ -15,7 +14,7 @@ from rlcore.core.results import Run
 from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
 from rlcore.core.rules import anything, array, checked, count, function_of, instance, rules
 from rlcore.core.samples import finite_numbers
-from rlcore.core.types import Floats, Network, OnEpisode, Rng
+from rlcore.core.types import ArrayLike, Floats, Network, OnEpisode, Rng
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 

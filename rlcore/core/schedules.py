@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections import namedtuple
-from typing import Any, TypeAlias
+from typing import Any
 
 from rlcore.core.checks import check_flag, check_nonnegative, check_probability, check_rate, is_number, show
 from rlcore.core.compiled import compiled
 from rlcore.core.rules import checked
-from rlcore.core.types import Given
-
-# max(floor, first / (1 + rate n)^power) after n visits (a step size), n episodes or n steps (epsilon)
-Schedule = namedtuple("Schedule", "first rate power floor per_step")
-Rate: TypeAlias = float | Schedule  # what alpha and epsilon may be
+from rlcore.core.types import Given, Schedule
 
 
 def _floor(name, floor, given):
