@@ -5,6 +5,8 @@ by radio buttons and CSS alone: no script, no server; with the script of the pag
 a slider. In print and in a PDF there is one picture.
 """
 
+from __future__ import annotations
+
 import base64
 import hashlib
 import html
@@ -14,6 +16,7 @@ import numbers
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 from urllib.parse import quote
 
 from rlcore.core.checks import show

@@ -1,5 +1,10 @@
 """Figures of chapter 4: temporal differences."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.patches import Rectangle
 
@@ -8,7 +13,7 @@ from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, circle, new_dia
 BLUE, RED, GREY = (PALETTE[name] for name in ("blue", "vermillion", "grey"))
 
 
-def predictions(elapsed, predicted, targets, alpha, title):
+def predictions(elapsed: ArrayLike, predicted: ArrayLike, targets: Sequence[Any], alpha: float, title: str) -> Figure:
     """Predicted totals of a journey along its time, and what each is moved to. fig-14, fig-15, table-driving
 
     elapsed, predicted, targets: (n,) minutes. Each prediction moves the fraction alpha of the way to its target.
@@ -73,7 +78,7 @@ def error_curves(curves, *, ylabel="RMS error over the states", xlabel="episodes
     return fig
 
 
-def estimates_against_truth(truth, estimates, title):
+def estimates_against_truth(truth: ArrayLike, estimates: Curves, title: str) -> Figure:
     """Estimates of several methods beside the true values; estimates: {label: (S,)}. fig-18"""
     fig, ax = new_figure(height=3.8)
     x = np.arange(1, truth.size + 1)
@@ -86,7 +91,7 @@ def estimates_against_truth(truth, estimates, title):
     return fig
 
 
-def predictor_graph(p_b, p_one, values):
+def predictor_graph(p_b: float, p_one: float, values: ArrayLike) -> Figure:
     """Most likely model of the predictor's episodes: A leads to B, B ends with 1 or 0. fig-19
 
     p_b: share of A's transitions that go to B. p_one: share of B's ends with reward 1. values: {label: (V(A), V(B))}.
@@ -129,7 +134,7 @@ def cliff_paths(paths, title=""):
     return fig
 
 
-def reward_curves(returns, *, window=10, ylim=(-100, 0), title=""):
+def reward_curves(returns: Curves, *, window: int = 10, ylim: Point = (-100, 0), title: str = "") -> Figure:
     """Sum of rewards per episode, smoothed over `window` episodes; mean and standard error over runs. fig-22
 
     returns: {label: (n_runs, n_episodes)}. ylim: the axis, which reaches further down where a curve ends below it.
@@ -147,7 +152,7 @@ def reward_curves(returns, *, window=10, ylim=(-100, 0), title=""):
     return fig
 
 
-def value_paths(runs, ends, *, names=("V(A)", "V(B)")):
+def value_paths(runs: Curves, ends: Curves, *, names: Sequence[Any] = ("V(A)", "V(B)")) -> Figure:
     """How pairs of estimates move in the plane; runs: {label: (n, 2)}, ends: {label: point}. cl-047"""
     fig, ax = new_figure(height=4.6)
     for (label, path), style in zip(runs.items(), styles(runs).values()):

@@ -11,21 +11,29 @@ pixels is 10 pixels. A method has the colour and line of METHODS wherever it is 
 page the book's style sheet turns light and dark round and keeps the hues, so that a figure is drawn on white.
 """
 
+from __future__ import annotations
+
 import io
 import itertools
 import re
 import sys
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from rlcore.core.extras import extra
+from rlcore.core.types import ArrayLike
 
 with extra("plots"):
     import matplotlib as mpl
     import matplotlib.figure
     import matplotlib.pyplot as plt
     from cycler import cycler
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
 
 # Okabe and Ito's colours (2008), darkened: each has a contrast of 4.5:1 or more on white, so that texts may have them.
@@ -108,8 +116,11 @@ STYLE = {
     "ytick.labelsize": SMALL,
 }
 
+Point: TypeAlias = tuple[float, float]
+Curves: TypeAlias = Mapping[Any, Any]  # {label: what is drawn under it}
 
-def use_style():
+
+def use_style() -> None:
     """Set the book's look for every figure from here on, and sharp PNG of a fixed size in a notebook."""
     mpl.rcParams.update(STYLE)
     if "ipykernel" in sys.modules:
@@ -195,7 +206,7 @@ def band(ax, x, mean, spread, label, **line):
     return curve
 
 
-def text_colour(background):
+def text_colour(background: Any) -> str:
     """Black or white, whichever has the higher contrast on the background colour."""
     rgb = np.array(mpl.colors.to_rgb(background))
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
@@ -228,7 +239,10 @@ def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None,
     return image
 
 
-def box(ax, xy, text="", *, width=2.0, height=1.0, face=PALETTE["light"], edge=PALETTE["black"], **font):
+def box(
+    ax: Axes, xy: Point, text: str = "", *, width: float = 2.0, height: float = 1.0, face: str = PALETTE["light"],
+    edge: str = PALETTE["black"], **font: Any,
+) -> None:  # fmt: skip
     """Draw a rounded box centred at xy with its text."""
     corner = (xy[0] - width / 2, xy[1] - height / 2)
     style = f"round,pad=0,rounding_size={0.15 * min(width, height)}"
@@ -236,13 +250,19 @@ def box(ax, xy, text="", *, width=2.0, height=1.0, face=PALETTE["light"], edge=P
     ax.text(*xy, text, ha="center", va="center", color=text_colour(face), zorder=3, **font)
 
 
-def circle(ax, xy, text="", *, radius=0.4, face="white", edge=PALETTE["black"], **font):
+def circle(
+    ax: Axes, xy: Point, text: str = "", *, radius: float = 0.4, face: str = "white", edge: str = PALETTE["black"],
+    **font: Any,
+) -> None:  # fmt: skip
     """Draw a circle at xy: white for a state, filled with edge's colour (face=edge) for an action."""
     ax.add_patch(Circle(xy, radius, fc=face, ec=edge, lw=1.8, zorder=2))
     ax.text(*xy, text, ha="center", va="center", color=text_colour(face), zorder=3, **font)
 
 
-def arrow(ax, start, end, text="", *, curve=0.0, colour=PALETTE["black"], line="-", at=0.5, offset=(0.0, 0.0), **font):
+def arrow(
+    ax: Axes, start: ArrayLike, end: ArrayLike, text: str = "", *, curve: float = 0.0, colour: str = PALETTE["black"],
+    line: str = "-", at: float = 0.5, offset: Point = (0.0, 0.0), **font: Any,
+) -> None:  # fmt: skip
     """Draw an arrow from start to end, bent by curve (a fraction of its length, to the left of travel).
 
     text stands on a white ground at the fraction ``at`` of the way, moved by ``offset`` in the drawing's units.
@@ -257,7 +277,7 @@ def arrow(ax, start, end, text="", *, curve=0.0, colour=PALETTE["black"], line="
         ax.text(x, y, text, ha="center", va="center", color=colour, bbox=ground, zorder=1.5, **font)
 
 
-def encode(fig, fmt="svg", *, dpi=150):
+def encode(fig: Any, fmt: str = "svg", *, dpi: int = 150) -> tuple[str, bytes]:
     """Return (mime type, bytes) of a figure and close it: SVG with real text, or PNG of 256 colours.
 
     The same figure gives the same bytes. fmt: "svg", or "png" for pictures with very many points.
