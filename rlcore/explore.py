@@ -98,7 +98,7 @@ class Explorer:
         kind = ' class="ordered"' if _slides(values) else ""  # which book.js makes a slider
         return f"<fieldset{kind}><legend>{html.escape(self.labels[name])}</legend>{''.join(knobs)}</fieldset>"
 
-    def widget(self):
+    def widget(self) -> Any:
         """The live panel (ipywidgets): a slider for many numbers, buttons for words, and the picture they choose."""
         with extra("notebook"):
             import ipywidgets as w
@@ -183,7 +183,7 @@ def explore(
     fmt: str = "svg",
     labels: dict[str, str] | None = None,
     start: dict | None = None,
-    **choices,
+    **choices: Any,
 ) -> Explorer:
     """Show ``draw(**values)`` for every combination of the choices, with a control for each choice.
 

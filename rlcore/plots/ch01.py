@@ -10,7 +10,21 @@ import numpy as np
 from rlcore.core.results import Solution
 from rlcore.core.types import ArrayLike
 from rlcore.envs.robots import BINNED, HELD, OFFICE, arm_motion, pole_return, push_pole
-from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, circle, heatmap, new_diagram, new_figure, styles
+from rlcore.mdp import FiniteMDP, Trajectory
+from rlcore.plots.style import (
+    PALETTE,
+    SMALL,
+    Curves,
+    Figure,
+    arrow,
+    band,
+    box,
+    circle,
+    heatmap,
+    new_diagram,
+    new_figure,
+    styles,
+)
 
 SYMBOLS = {"slow left": "←", "slow right": "→", "fast left": "⇇", "fast right": "⇉", "grip": "grip"}
 
@@ -83,7 +97,7 @@ def pick_and_place_policy(mdp: FiniteMDP, solution: Solution, actions: ArrayLike
     return fig
 
 
-def arm(smoothness):
+def arm(smoothness: float) -> Figure:
     """Position and voltage of the continuous arm for one weight of the smoothness penalty. ex-pick-and-place
 
     The title says what the weight buys: when the arm is there for good (within 2 %), and its highest voltage.
@@ -103,7 +117,7 @@ def arm(smoothness):
     return fig
 
 
-def can_office(mdp, trajectory, t):
+def can_office(mdp: FiniteMDP, trajectory: Trajectory, t: int) -> Figure:
     """The office of the can-collecting robot after t steps: its way, the cans, the rewards. ex-recycling, cl-008"""
     robots, cans = zip(*((robot, cans) for robot, *cans in (mdp.state_names[s] for s in trajectory.states[: t + 1])))
     fig, ax = new_diagram((-0.1, 9.4), (-0.1, 5.1))
@@ -190,7 +204,7 @@ def pole_returns(gamma: float) -> Figure:
     return fig
 
 
-def discount_weights(gamma):
+def discount_weights(gamma: float) -> Figure:
     """How much the k-th reward from now counts: gamma^(k-1), and the horizon 1 / (1 - gamma). cl-002, cl-006"""
     fig, ax = new_figure(height=3.4)
     k, horizon = np.arange(1, 61), 1 / (1 - gamma) if gamma < 1 else np.inf

@@ -13,7 +13,8 @@ from matplotlib.patches import Arc, Rectangle
 from rlcore.bellman import q_from_v, solve_policy
 from rlcore.core.types import ArrayLike, Cell
 from rlcore.dp import value_iteration
-from rlcore.plots.style import PALETTE, SMALL, band, circle, new_diagram, new_figure, styles
+from rlcore.mdp import FiniteMDP
+from rlcore.plots.style import PALETTE, SMALL, Curves, Figure, band, circle, new_diagram, new_figure, styles
 
 # kind: "s" open circle, "a" solid circle; edge: words on the branch above; strong: whether that branch is a maximum
 Node = namedtuple("Node", "kind text name edge strong children", defaults=("", "", False, ()))
@@ -145,7 +146,9 @@ def _mark(ax, **places):
         ax.annotate(name, at, ha=side, va="center", fontsize=SMALL, bbox=ground)
 
 
-def best_clubs(putter, driver, shape, *, hole, tee, sand=()):
+def best_clubs(
+    putter: ArrayLike, driver: ArrayLike, shape: Cell, *, hole: Cell, tee: Cell, sand: Iterable[Cell] = ()
+) -> Figure:
     """The best club of every cell; putter, driver: (S,), values of playing that club first. fig-5, ex-golf-driver"""
     fig, ax = new_figure(height=3.2)
     gap = np.asarray(putter) - driver

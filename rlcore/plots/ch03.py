@@ -10,7 +10,23 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 
-from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, heatmap, new_diagram, new_figure, styles
+from rlcore.core.types import ArrayLike, Cell, Floats
+from rlcore.mdp import FiniteMDP
+from rlcore.plots.style import (
+    PALETTE,
+    SMALL,
+    Axes,
+    Curves,
+    Figure,
+    Point,
+    arrow,
+    band,
+    box,
+    heatmap,
+    new_diagram,
+    new_figure,
+    styles,
+)
 
 BLUE, RED, GREEN, GREY, PALE = (PALETTE[c] for c in ("blue", "vermillion", "green", "grey", "light"))
 # Figure 10: group -> leaves (method, function, chapter).
@@ -110,7 +126,7 @@ def trajectory_bars(
     return fig
 
 
-def model_and_policy(mdp, pi, a):
+def model_and_policy(mdp: FiniteMDP, pi: ArrayLike, a: int) -> Figure:
     """p(s'|s, a) for each action, action a in front; below pi(a|s), and P_pi, the model under the policy. fig-9"""
     P, A, names = mdp.transition_probs(), mdp.n_actions, mdp.state_names
     fig, axes = new_figure(2, A, height=4.6)
@@ -138,7 +154,7 @@ def model_and_policy(mdp, pi, a):
     return fig
 
 
-def family_tree(leaf=None):
+def family_tree(leaf: Any = None) -> Figure:
     """Methods of the book by what they know and what they learn. fig-10
 
     leaf: the method whose chapter and function are written below.
@@ -190,7 +206,16 @@ Q_CMAP, Q_NORM = mpl.colormaps["YlGnBu"].resampled(256), LogNorm(1e-4, 1)
 Q_CMAP = mpl.colors.ListedColormap(Q_CMAP(np.linspace(0.2, 1, 256))).with_extremes(under="white", bad="white")
 
 
-def q_table(Q, mdp, shape, *, flash=None, old=None, title="", ax=None):
+def q_table(
+    Q: ArrayLike,
+    mdp: FiniteMDP,
+    shape: Cell,
+    *,
+    flash: tuple[int, int] | None = None,
+    old: ArrayLike | None = None,
+    title: str = "",
+    ax: Axes | None = None,
+) -> Figure | None:
     """A Q-table of a maze: each cell in four triangles, one an action (up, down, right, left). fig-12
 
     Q: (S, 4), drawn on a logarithmic scale up to 1. shape: rows and columns. flash: (s, a), drawn in red, its value
@@ -247,7 +272,9 @@ def learning_curves(
     return fig
 
 
-def decay(errors, *, xlabel, ylabel, reference=None, log_x=True):
+def decay(
+    errors: ArrayLike, *, xlabel: str, ylabel: str, reference: Curves | None = None, log_x: bool = True
+) -> Figure:
     """Errors {label: (x, y)} on log axes, with a reference line {label: (x, y)} in grey. alg-model-learning, fig-13
 
     log_x=False: linear; from 0 to 1 linear, then logarithmic, where one curve has ten times as many points as another.
@@ -324,7 +351,7 @@ def sweep_values(V: ArrayLike, shape: Cell, title: str) -> Figure:
     return fig
 
 
-def value_iteration_progress(V, shape, errors, gamma, k):
+def value_iteration_progress(V: ArrayLike, shape: Cell, errors: ArrayLike, gamma: float, k: int) -> Figure:
     """Left: V_k of a grid. Right: another problem, the random process: its error, along the bound gamma^k. fig-13
 
     errors: (n,) largest error after 0, 1, ... sweeps.

@@ -8,7 +8,21 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, circle, new_diagram, new_figure, styles
+from rlcore.core.types import ArrayLike
+from rlcore.plots.style import (
+    PALETTE,
+    SMALL,
+    Curves,
+    Figure,
+    Point,
+    arrow,
+    band,
+    box,
+    circle,
+    new_diagram,
+    new_figure,
+    styles,
+)
 
 BLUE, RED, GREY = (PALETTE[name] for name in ("blue", "vermillion", "grey"))
 
@@ -36,7 +50,7 @@ def predictions(elapsed: ArrayLike, predicted: ArrayLike, targets: Sequence[Any]
     return fig
 
 
-def walk_graph(n, right, states=(), names=None):
+def walk_graph(n: int, right: float, states: ArrayLike = (), names: Sequence[Any] | None = None) -> Figure:
     """The random walk as a graph, and below it the walk of one episode, downwards in time. fig-16
 
     right: probability of a step to the right. states: the states met, 0 and n + 1 being the ends.
@@ -67,7 +81,10 @@ def walk_graph(n, right, states=(), names=None):
     return fig
 
 
-def error_curves(curves, *, ylabel="RMS error over the states", xlabel="episodes", ylim=(0, 0.26), height=4.4):
+def error_curves(
+    curves: Curves, *, ylabel: str = "RMS error over the states", xlabel: str = "episodes", ylim: Point = (0, 0.26),
+    height: float = 4.4,
+) -> Figure:  # fmt: skip
     """Mean over runs with its standard error; curves: {label: (n_runs, n + 1)}. fig-17, fig-18"""
     fig, ax = new_figure(height=height)
     for (label, values), style in zip(curves.items(), styles(curves).values()):
@@ -122,7 +139,7 @@ def _cliff(foot=-0.6):
     return fig, ax
 
 
-def cliff_paths(paths, title=""):
+def cliff_paths(paths: Curves, title: str = "") -> Figure:
     """The cliff world with greedy paths; paths: {label: list of states}, drawn with a small offset each. fig-22"""
     fig, ax = _cliff(-2.0)
     for k, ((label, states), style) in enumerate(zip(paths.items(), styles(paths).values())):
@@ -166,7 +183,7 @@ def value_paths(runs: Curves, ends: Curves, *, names: Sequence[Any] = ("V(A)", "
     return fig
 
 
-def cliff_step(update, names, title, *, target, alpha=0.5):
+def cliff_step(update: Any, names: Sequence[str], title: str, *, target: str, alpha: float = 0.5) -> Figure:
     """One update of a control method on the cliff: where it is, what it does, the line of code, its numbers.
 
     fig-20, fig-21. update: rlcore.studies.ch04.Update. names: of the actions. target: what the rule bootstraps from, in

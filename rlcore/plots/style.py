@@ -18,7 +18,7 @@ import itertools
 import re
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -137,12 +137,14 @@ class Figure(mpl.figure.Figure):
         raise NotImplementedError  # IPython goes on in its usual way
 
 
-def new_figure(nrows=1, ncols=1, *, height=HEIGHT, **subplots):
+def new_figure(nrows: int = 1, ncols: int = 1, *, height: float = HEIGHT, **subplots: Any) -> tuple[Figure, Any]:
     """Return (figure, axes) as ``plt.subplots`` does, in the book's width; height in inches."""
     return plt.subplots(nrows, ncols, figsize=(WIDTH, height), FigureClass=Figure, **subplots)
 
 
-def new_diagram(xlim, ylim, *, height=None):
+def new_diagram(
+    xlim: tuple[float, float], ylim: tuple[float, float], *, height: float | None = None
+) -> tuple[Figure, Axes]:
     """Return (figure, axes) for a drawing: equal units, no frame, xlim and ylim in the drawing's own units."""
     height = WIDTH * (ylim[1] - ylim[0]) / (xlim[1] - xlim[0]) if height is None else height
     fig, ax = new_figure(height=height)
@@ -151,13 +153,13 @@ def new_diagram(xlim, ylim, *, height=None):
     return fig, ax
 
 
-def method_of(label):
+def method_of(label: str) -> str | None:
     """The method of METHODS that a label names, or None; of several the one with the longest name."""
     found = [m for m in METHODS if re.search(rf"(?<![\w-]){re.escape(m)}(?![\w+-])", str(label), re.IGNORECASE)]
     return max(found, key=len, default=None)
 
 
-def rung(label):
+def rung(label: str) -> str | None:
     """The colour of "λ = 0.9" or "n = 4": from that of TD(0) to that of Monte Carlo; None for other labels."""
     found = re.match(r"(λ|n) = ([\d.]+)", str(label))
     if found is None:
@@ -168,7 +170,7 @@ def rung(label):
     return mpl.colors.to_hex(mpl.colors.LinearSegmentedColormap.from_list("rungs", ends)(min(place, 1.0)))
 
 
-def styles(labels, marks="osv^Dx"):
+def styles(labels: Iterable[str], marks: str = "osv^Dx") -> dict[str, dict[str, Any]]:
     """A line style for each label, {label: {"color": ..., "ls": ...}}: that of the method that it names, see METHODS.
 
     Several settings of one method differ in line and marker; other labels get the colours that are left.
@@ -197,7 +199,7 @@ def styles(labels, marks="osv^Dx"):
     return found
 
 
-def band(ax, x, mean, spread, label, **line):
+def band(ax: Axes, x: ArrayLike, mean: ArrayLike, spread: ArrayLike, label: str, **line: Any) -> Line2D:
     """Draw a curve and its spread; spread: (n,) for mean +- spread, or (2, n) for low and high. Returns the line."""
     mean, spread = np.asarray(mean, float), np.asarray(spread, float)
     low, high = spread if spread.ndim == 2 else (mean - spread, mean + spread)
@@ -213,7 +215,10 @@ def text_colour(background: Any) -> str:
     return "white" if linear @ [0.2126, 0.7152, 0.0722] < 0.179 else "black"
 
 
-def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None, vmax=None, fontsize=SMALL):
+def heatmap(
+    ax: Axes, values: ArrayLike, *, fmt: str | None = "{:.1f}", labels: Sequence[Sequence[str]] | None = None,
+    cmap: str = "cividis", vmin: float | None = None, vmax: float | None = None, fontsize: float = 11,
+) -> QuadMesh:  # fmt: skip
     """Draw a matrix as coloured cells, each with its number; NaN is a grey wall without text.
 
     Row i, column j is centred at x = j, y = i, first row on top.
