@@ -90,13 +90,12 @@ def _setup(exercises):
 
 
 def _statement(exercise, number, label):
-    covers = ", ".join(f"`{id}`" for id in exercise.covers)
     minutes = "1 minute" if exercise.minutes == 1 else f"{exercise.minutes} minutes"
     return f"""<span id="{exercise.id}"></span>
 
 ## {number}. {exercise.title}
 
-*{label.capitalize()}; about {minutes}; {covers}.*
+*{label.capitalize()}; about {minutes}.*
 
 {_with_links(exercise.statement)}"""
 
@@ -107,7 +106,7 @@ def _with_links(text):
     def link(found):
         series, number = found.groups()
         page = PAGES_AGAIN[series] if series else next(page for last, page in PAGES if int(number) <= last)
-        return f"[equation ({number})](../{page}.ipynb)"
+        return f"[equation ({int(page[:2])}.{number})](../{page}.ipynb)"
 
     return re.sub(r"\{eq\}`eq-(?:(nn|rf|ppo)-)?(\d+)`", link, text)
 
