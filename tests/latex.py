@@ -669,12 +669,12 @@ def cells(page, kind):
 
 @cache
 def displays(page):
-    """[(ids, LaTeX)] of every $$ ... $$, in order: its label, eq-7, and the anchors eq-... and om-... before it."""
+    """[(ids, LaTeX)] of every $$ ... $$, in order: its label, eq-7, and the anchors eq-, om- and dv-... before it."""
     found = []
     for text in cells(page, "markdown"):
         end = 0
         for m in re.finditer(r"\$\$(.+?)\$\$(?:[ ]*\(([\w-]+)\))?", text, re.S):
-            anchors = re.findall(r'<span id="((?:eq|om)-[^"]*)">', text[end : m.start()])
+            anchors = re.findall(r'<span id="((?:eq|om|dv)-[^"]*)">', text[end : m.start()])
             found.append((anchors + [m[2]] * bool(m[2]), m[1]))
             end = m.end()
     return found
