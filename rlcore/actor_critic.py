@@ -1,11 +1,14 @@
 """One-step actor-critic, for a policy that is linear in features and for a network (chapter 7)."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.rules import checked
 from rlcore.core.schedules import at
+from rlcore.core.types import ArrayLike, Network, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.distributions import Categorical
 from rlcore.policies import LINEAR, add_score, choose, dot, gradient, probabilities
@@ -15,9 +18,10 @@ from rlcore.td import td_error
 
 @learner(gradient, **LINEAR)
 def actor_critic(
-    world, gamma, n_episodes, *, alpha=0.01, alpha_w=0.01, features=None, theta0=0.0, w0=0.0, discount_states=False,
-    p_min=0.0, max_steps=None, record=0, rng,
-):  # fmt: skip
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate = 0.01, alpha_w: Rate = 0.01,
+    features: ArrayLike | None = None, theta0: ArrayLike = 0.0, w0: ArrayLike = 0.0, discount_states: bool = False,
+    p_min: float = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """One-step actor-critic: after each step, delta = R + gamma v_hat(S') - v_hat(S) moves both. alg-actor-critic
 
     Arguments and result as for `reinforce`. alpha_w = 0 leaves v_hat at w0. A step that truncates the episode
@@ -45,9 +49,10 @@ def actor_critic(
 
 @checked(**NETWORKS)
 def actor_critic_network(
-    world, gamma, n_episodes, *, alpha=0.01, alpha_w=0.01, net=None, critic=None, discount_states=False,
-    max_steps=None, on_episode=None, rng,
-):  # fmt: skip
+    world: World, gamma: float, n_episodes: int, *, alpha: float = 0.01, alpha_w: float = 0.01,
+    net: Network | None = None, critic: Network | None = None, discount_states: bool = False,
+    max_steps: int | None = None, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
     """One-step actor-critic with two networks. Arguments and result as for `reinforce_network`. alg-actor-critic"""
     net, critic = make_networks(world, net, critic, alpha, alpha_w, rng)
     returns, lengths = [], []

@@ -1,16 +1,23 @@
 """The values that a fixed set of episodes determines (chapter 4)."""
 
+from __future__ import annotations
+
 from collections import namedtuple
+from collections.abc import Iterable
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from rlcore.core.checks import as_integers, finite, show
 from rlcore.core.rules import checked
+from rlcore.core.types import ArrayLike, Floats, Given, Ints
 from rlcore.mdp import Trajectory, discounted_returns
 from rlcore.td import td_error
 
+Episodes: TypeAlias = Iterable[Trajectory | tuple[ArrayLike, ArrayLike]]  # or pairs of states and rewards
 
-def episode_pairs(name, episodes, given):
+
+def episode_pairs(name: str, episodes: Any, given: Given) -> list[tuple[Ints, Floats]]:
     """The rule of episodes, Trajectories or pairs: a list of (states, rewards)."""
     if isinstance(episodes, (str, bytes)) or not hasattr(episodes, "__iter__"):
         raise ValueError(f"{name}: got {show(episodes)}, must be Trajectories, or pairs of states and rewards")
@@ -43,7 +50,10 @@ def _ended(name, episodes, given):
 
 
 @checked(episodes=_ended)
-def batch_mc(episodes, n_states, gamma, *, unvisited=0.0, alpha=None, tol=1e-10, max_sweeps=100_000, each=False):
+def batch_mc(
+    episodes: Episodes, n_states: int, gamma: float, *, unvisited: float = 0.0, alpha: float | None = None,
+    tol: float = 1e-10, max_sweeps: int = 100_000, each: bool = False,
+) -> Floats:  # fmt: skip
     """V (S,) with the least squared error on the episodes: the mean return of each state. alg-batch-mc, cl-048
 
     episodes: Trajectories, or pairs (states (T + 1,), rewards (T,)), each run to its end: the last state is terminal
@@ -72,7 +82,10 @@ def _first_values(name, V0, given):
 
 
 @checked(episodes=_ended, V0=_first_values)
-def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sweeps=100_000):
+def batch_td(
+    episodes: Episodes, n_states: int, gamma: float, *, alpha: float = 1e-3, tol: float = 1e-10, V0: ArrayLike = 0.0,
+    max_sweeps: int = 100_000,
+) -> Floats:  # fmt: skip
     """V (S,) that batch TD(0) settles at, the certainty-equivalence estimate. alg-batch-td, cl-046, cl-050
 
     Each sweep adds up alpha (r + gamma V(s') - V(s)) over all steps of all episodes before V changes, until no V(s)
@@ -91,7 +104,9 @@ def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sw
 
 
 @checked(episodes=_ended)
-def certainty_equivalence(episodes, n_states, gamma, *, unvisited=0.0, each=False):
+def certainty_equivalence(
+    episodes: Episodes, n_states: int, gamma: float, *, unvisited: float = 0.0, each: bool = False
+) -> Floats:
     """v (S,) of the most likely Markov process: transitions and rewards as counted. alg-certainty-equivalence, cl-050
 
     episodes, unvisited, each: as for `batch_mc`. Source: Sutton and Barto (2018), section 6.3.

@@ -1,5 +1,7 @@
 """Dynamic programming: planning with a known model (chapter 3)."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.bellman import error_bound, greedy, policy_error_bound, q_from_v, solve_policy
@@ -8,11 +10,15 @@ from rlcore.core.checks import check_policy
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution
 from rlcore.core.rules import checked
-from rlcore.mdp import uniform_policy
+from rlcore.core.types import ArrayLike, Flags, Floats, Ints
+from rlcore.mdp import FiniteMDP, uniform_policy
 
 
 @checked
-def policy_evaluation(mdp, pi, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=100_000, record=0):
+def policy_evaluation(
+    mdp: FiniteMDP, pi: ArrayLike, gamma: float, *, tol: float = 1e-8, V0: ArrayLike = 0.0, in_place: bool = False,
+    max_iter: int = 100_000, record: int = 0,
+) -> Solution:  # fmt: skip
     """v_pi by sweeps of the Bellman equation (12). om-policy-evaluation, alg-policy-evaluation
 
     Stops when no value changes by tol or more in a sweep. in_place: a sweep uses the values that it has just computed
@@ -41,7 +47,9 @@ def _kept(history, record):
 
 
 @compiled
-def evaluation_sweep(next_state, prob, reward, terminal, pi, gamma, V, V_new):
+def evaluation_sweep(
+    next_state: Ints, prob: Floats, reward: Floats, terminal: Flags, pi: Floats, gamma: float, V: Floats, V_new: Floats
+) -> float:
     """One sweep; in place where V_new is V. Returns the largest change."""
     delta = 0.0
     for s in range(V.size):
@@ -58,7 +66,7 @@ def evaluation_sweep(next_state, prob, reward, terminal, pi, gamma, V, V_new):
 
 
 @checked
-def policy_improvement(mdp, V, gamma, *, pi=None):
+def policy_improvement(mdp: FiniteMDP, V: ArrayLike, gamma: float, *, pi: ArrayLike | None = None) -> Floats:
     """The policy (S, A) that is greedy for V; a row of pi that is greedy already is kept. om-policy-improvement
 
     Keeping it is what lets policy iteration stop: where two actions are equally good, rounding would otherwise swap
@@ -74,7 +82,9 @@ def policy_improvement(mdp, V, gamma, *, pi=None):
 
 
 @checked(pi0=lambda name, pi, given: check_policy(given["mdp"], pi, name))
-def policy_iteration(mdp, gamma, *, pi0=None, max_iter=1000, record=0):
+def policy_iteration(
+    mdp: FiniteMDP, gamma: float, *, pi0: ArrayLike | None = None, max_iter: int = 1000, record: int = 0
+) -> Solution:
     """Optimal values and policy: evaluate exactly, improve, until the policy stays. alg-policy-iteration, cl-038
 
     pi0: the first policy, uniform where None. record: history keeps 0 and the value found in each record-th iteration;
@@ -94,7 +104,10 @@ def policy_iteration(mdp, gamma, *, pi0=None, max_iter=1000, record=0):
 
 
 @checked
-def value_iteration(mdp, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=100_000, record=0):
+def value_iteration(
+    mdp: FiniteMDP, gamma: float, *, tol: float = 1e-8, V0: ArrayLike = 0.0, in_place: bool = False,
+    max_iter: int = 100_000, record: int = 0,
+) -> Solution:  # fmt: skip
     """v_* by sweeps of the Bellman optimality equation (16). eq-u-value-iteration, fig-13, alg-value-iteration
 
     Stops when no value changes by tol or more in a sweep; in_place and record as in policy_evaluation. Returns a
@@ -114,7 +127,10 @@ def value_iteration(mdp, gamma, *, tol=1e-8, V0=0.0, in_place=False, max_iter=10
 
 
 @compiled
-def optimality_sweep(next_state, prob, reward, terminal, legal, gamma, V, V_new):
+def optimality_sweep(
+    next_state: Ints, prob: Floats, reward: Floats, terminal: Flags, legal: Flags, gamma: float, V: Floats,
+    V_new: Floats,
+) -> float:  # fmt: skip
     """One sweep; in place where V_new is V. Returns the largest change."""
     delta = 0.0
     for s in range(V.size):

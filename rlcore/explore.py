@@ -5,6 +5,8 @@ by radio buttons and CSS alone: no script, no server; with the script of the pag
 a slider. In print and in a PDF there is one picture.
 """
 
+from __future__ import annotations
+
 import base64
 import hashlib
 import html
@@ -14,6 +16,7 @@ import numbers
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 from urllib.parse import quote
 
 from rlcore.core.checks import show
@@ -36,8 +39,8 @@ border-radius:.3rem;padding:.1rem .55rem;cursor:pointer}}
 #{u} input:checked+label {{background:#1a6bbf;color:#fff;border-color:#1a6bbf}}
 #{u} input:focus-visible+label {{outline:3px solid #1a6bbf;outline-offset:2px}}
 #{u} .frame {{margin:0}}
-#{u} img {{display:block;box-sizing:border-box;width:100%;max-width:46rem;height:auto;margin:0;padding:.4rem;\
-background:#fff;border-radius:.3rem;filter:none}}
+#{u} img {{display:block;box-sizing:border-box;width:100%;max-width:38rem;height:auto;margin:0;padding:.4rem;\
+background:#fff;border-radius:.3rem}}
 #{u}:has(.other:checked) .first {{display:none}}
 @supports not selector(:has(a)) {{#{u} fieldset {{display:none}}}}
 @media (forced-colors:active) {{#{u} input:checked+label {{forced-color-adjust:none;\
@@ -134,12 +137,15 @@ def _title(name, title, given):
 
 
 def _labels(name, labels, given):
-    if not isinstance(labels, dict) or set(labels) - set(given["choices"]):
+    if not isinstance(labels, dict) or set(labels) - {"start", *given["choices"]}:
         raise ValueError(f"{name}: got {show(labels)}, must be texts for some of the choices {list(given['choices'])}")
     return {key: str(text) for key, text in labels.items()}
 
 
 def _start(name, start, given):
+    """The rule of {choice: value}; a list is a choice that is itself called start."""
+    if isinstance(start, list):
+        return start
     if not isinstance(start, dict) or set(start) - set(given["choices"]):
         raise ValueError(f"{name}: got {show(start)}, must be values of some of the choices {list(given['choices'])}")
     return start
@@ -184,13 +190,16 @@ def explore(
     draw: called with one value per choice; returns a matplotlib Figure. title: shown above the controls.
     alt: called like draw; returns the text that says what the picture shows. fmt: "svg", or "png" for pictures with
     very many points. labels: name -> legend, where the name itself (gamma is written γ) does not do.
-    start: name -> the value that is chosen at first, where the first of its list is not the telling one.
+    start: name -> the value that is chosen at first, where the first of its list is not the telling one
+    (a list: a choice called start).
     choices: name=[value, ...], numbers in ascending order, or words; at most 40 combinations.
 
     Raises: ValueError on an unusable argument, and where draw does not return a Figure.
     """
     from rlcore.plots.style import encode
 
+    if isinstance(start, list):
+        choices, start = _choices("choices", choices | {"start": start}, {}), {}
     labels = {name: GREEK.get(name, name.replace("_", " ")) for name in choices} | (labels or {})
     start = {name: values[0] for name, values in choices.items()} | (start or {})
     first = tuple(_place(name, start[name], values) for name, values in choices.items())

@@ -6,13 +6,20 @@ actions: (B,) integers, or (B, A). advantage: (B,). `old` stands for outputs of 
 Source: Schulman et al. (2015, 2017).
 """
 
+from __future__ import annotations
+
+from typing import TypeAlias
+
 from rlcore.core.checks import check_finite, check_positive, show
 from rlcore.core.extras import extra
 from rlcore.core.rules import checked
 
 with extra("deep"):
     import torch
+    from torch import Tensor
     from torch.distributions import Categorical, Independent, Normal, kl_divergence
+
+Outputs: TypeAlias = Tensor | tuple[Tensor, Tensor]  # logits, or mean and log_std
 
 
 def _floats(name, x):
@@ -87,7 +94,7 @@ NEW = TENSORS | dict(old=_of("outputs"))
 
 
 @checked(**TENSORS)
-def distribution(outputs):
+def distribution(outputs: Outputs) -> torch.distributions.Distribution:
     """The policy that outputs stand for, one for each row: softmax of logits, or independent normals. om-softmax"""
     if isinstance(outputs, torch.Tensor):
         return Categorical(logits=outputs)
@@ -96,62 +103,65 @@ def distribution(outputs):
 
 
 @checked(**TENSORS)
-def label_objective(logits, labels):
+def label_objective(logits: Tensor, labels: Tensor) -> Tensor:
     """Mean of log p(y|x) over samples with their right labels; its gradient for one sample is (40). eq-ppo-40"""
     return _log_prob(logits, labels).mean()  # eq-ppo-40
 
 
 @checked(**TENSORS)
-def pg_objective(outputs, actions, advantage):
+def pg_objective(outputs: Outputs, actions: Tensor, advantage: Tensor) -> Tensor:
     """L^PG, whose gradient is the estimator of (41). eq-ppo-43, eq-ppo-41"""
     return (_log_prob(outputs, actions) * advantage).mean()  # eq-ppo-43
 
 
 @checked(**NEW)
-def ratio(outputs, old, actions):
+def ratio(outputs: Outputs, old: Outputs, actions: Tensor) -> Tensor:
     """r_t = pi(a|s) / pi_old(a|s), (B,). eq-ppo-47"""
     return (_log_prob(outputs, actions) - _log_prob(_constant(old), actions)).exp()  # eq-ppo-47
 
 
 @checked(**NEW)
-def surrogate(outputs, old, actions, advantage):
+def surrogate(outputs: Outputs, old: Outputs, actions: Tensor, advantage: Tensor) -> Tensor:
     """L^CPI, which TRPO maximises: the mean of r_t A_t. eq-ppo-44, eq-ppo-48"""
     return (ratio(outputs, old, actions) * advantage).mean()  # eq-ppo-48
 
 
 @checked(old=_outputs, outputs=_of("old"))
-def mean_kl(old, outputs):
+def mean_kl(old: Outputs, outputs: Outputs) -> Tensor:
     """Mean of KL(pi_old, pi) over the states: the left side of the constraint. eq-ppo-45"""
     return kl_divergence(distribution.unchecked(_constant(old)), distribution.unchecked(outputs)).mean()  # eq-ppo-45
 
 
 @checked(**NEW)
-def kl_penalised(outputs, old, actions, advantage, beta):
+def kl_penalised(outputs: Outputs, old: Outputs, actions: Tensor, advantage: Tensor, beta: float) -> Tensor:
     """The surrogate less beta times the mean KL. eq-ppo-46"""
     return surrogate(outputs, old, actions, advantage) - beta * mean_kl(old, outputs)  # eq-ppo-46
 
 
 @checked(**NEW)
-def clip_objective(outputs, old, actions, advantage, clip):
+def clip_objective(outputs: Outputs, old: Outputs, actions: Tensor, advantage: Tensor, clip: float) -> Tensor:
     """L^CLIP. clip: epsilon > 0. eq-ppo-49, fig-59, fig-60"""
     r, A = ratio(outputs, old, actions), advantage
     return torch.minimum(r * A, r.clamp(1 - clip, 1 + clip) * A).mean()  # eq-ppo-49
 
 
 @checked(**TENSORS)
-def value_loss(values, target):
+def value_loss(values: Tensor, target: Tensor) -> Tensor:
     """L^VF, the mean squared error of the values (B,). om-value-loss"""
     return (values - target).square().mean()  # om-value-loss
 
 
 @checked(**TENSORS)
-def entropy(outputs):
+def entropy(outputs: Outputs) -> Tensor:
     """S[pi](s), (B,). om-value-loss"""
     return distribution.unchecked(outputs).entropy()  # om-value-loss
 
 
 @checked(**NEW)
-def ppo_objective(outputs, old, actions, advantage, values, target, clip=0.2, c1=0.5, c2=0.0):
+def ppo_objective(
+    outputs: Outputs, old: Outputs, actions: Tensor, advantage: Tensor, values: Tensor, target: Tensor,
+    clip: float = 0.2, c1: float = 0.5, c2: float = 0.0,
+) -> Tensor:  # fmt: skip
     """L^(CLIP+VF+S): clipped surrogate, less c1 times the value loss, plus c2 times the mean entropy. eq-ppo-50"""
     L_clip = clip_objective(outputs, old, actions, advantage, clip)
     return L_clip - c1 * value_loss(values, target) + c2 * entropy(outputs).mean()  # eq-ppo-50

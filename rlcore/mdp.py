@@ -1,6 +1,10 @@
 """Finite Markov decision processes, policies, trajectories and returns (chapter 1)."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +23,7 @@ from rlcore.core.outcomes import (
 )
 from rlcore.core.rules import checked, count, index, takes_none
 from rlcore.core.sampling import Sampler, cumulative, draw, step
+from rlcore.core.types import ArrayLike, Floats, Ints, Rng, World
 from rlcore.core.worlds import act, reset
 
 _state_of_self = index(lambda given: given["self"].n_states)
@@ -42,10 +47,10 @@ class FiniteMDP(Model):
     legal: np.ndarray
     terminal: np.ndarray
     start: np.ndarray
-    state_names: tuple | None = None
-    action_names: tuple | None = None
+    state_names: Sequence[Any] | None = None
+    action_names: Sequence[Any] | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         kinds = dict(next_state=as_integers, prob=as_floats, reward=as_floats, legal=as_flags, terminal=as_flags)
         for name, kind in (kinds | dict(start=as_floats)).items():
             object.__setattr__(self, name, own(name, getattr(self, name), kind))
@@ -54,23 +59,23 @@ class FiniteMDP(Model):
                 object.__setattr__(self, name, names(name, getattr(self, name)))
         self.validate()
 
-    def __setstate__(self, state):
+    def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         freeze(*(x for x in state.values() if isinstance(x, np.ndarray)))
 
     @property
-    def n_states(self):
+    def n_states(self) -> int:
         return self.prob.shape[0]
 
     @property
-    def n_actions(self):
+    def n_actions(self) -> int:
         return self.prob.shape[1]
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         S, A, K = self.prob.shape
         return f"FiniteMDP({S} states, {A} actions, {K} outcomes, {int(self.terminal.sum())} terminal)"
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         if not isinstance(other, FiniteMDP):
             return NotImplemented
         names = self.state_names == other.state_names and self.action_names == other.action_names
@@ -81,7 +86,11 @@ class FiniteMDP(Model):
     # ------------------------------------------------------------------ construction
 
     @classmethod
-    def from_outcomes(cls, outcomes, *, n_states=None, n_actions=None, start=None, state_names=None, action_names=None):
+    def from_outcomes(
+        cls, outcomes: Mapping[tuple[int, int], Any], *, n_states: int | None = None, n_actions: int | None = None,
+        start: ArrayLike | None = None, state_names: Sequence[Any] | None = None,
+        action_names: Sequence[Any] | None = None,
+    ) -> FiniteMDP:  # fmt: skip
         """Build from {(s, a): [(probability, s_next, reward), ...]}; a state without any action is terminal.
 
         start: a state or a distribution (S,); the default is uniform over the states that are not terminal.
@@ -90,7 +99,10 @@ class FiniteMDP(Model):
         return cls(*from_outcomes(outcomes, n_states, n_actions, start), state_names, action_names)
 
     @classmethod
-    def from_arrays(cls, P, R, *, terminal=None, start=None, state_names=None, action_names=None):
+    def from_arrays(
+        cls, P: ArrayLike, R: ArrayLike, *, terminal: ArrayLike | None = None, start: ArrayLike | None = None,
+        state_names: Sequence[Any] | None = None, action_names: Sequence[Any] | None = None,
+    ) -> FiniteMDP:  # fmt: skip
         """Build from P (S, A, S) = p(s'|s, a) and R, either r(s, a) of shape (S, A) or r(s, a, s') of shape (S, A, S).
 
         A row of zeros in P means that the action is not in A(s); R does not matter where P is 0. terminal: (S,) bool,
@@ -99,7 +111,7 @@ class FiniteMDP(Model):
         return cls(*from_arrays(P, R, terminal, start), state_names, action_names)
 
     @classmethod
-    def from_env(cls, env):
+    def from_env(cls, env: Any) -> FiniteMDP:
         """Read the transition table `P` of a gymnasium environment (FrozenLake, Taxi, CliffWalking, MDPEnv).
 
         A state that is entered with terminated=True becomes terminal, hence absorbing with reward 0, whatever its own
@@ -112,7 +124,7 @@ class FiniteMDP(Model):
 
     # ------------------------------------------------------------------ checks and equations (1)-(5)
 
-    def validate(self):
+    def validate(self) -> None:
         """Raise ValueError unless the arrays describe a finite MDP: shapes, ranges, and rows that sum to 1. eq-2"""
         S, A = check_shapes(self)
         for name in ("prob", "reward", "start"):
@@ -148,22 +160,22 @@ class FiniteMDP(Model):
             raise ValueError("start: puts probability on a terminal state, must be 0 there")
 
     @checked(s_next=_state_of_self, r=check_finite, s=_state_of_self, a=index(lambda given: given["self"].n_actions))
-    def p(self, s_next, r, s, a):
+    def p(self, s_next: int, r: float, s: int, a: int) -> float:
         """Probability of s_next and reward r after action a in state s. eq-1"""
         return float(self.prob[s, a, (self.next_state[s, a] == s_next) & (self.reward[s, a] == r)].sum())
 
-    def transition_probs(self):
+    def transition_probs(self) -> Floats:
         """p(s'|s, a) as (S, A, S); rows of illegal actions are 0. eq-3, eq-u-transition-inline"""
         S, A = self.n_states, self.n_actions
         P = np.zeros((S, A, S))
         np.add.at(P, (np.arange(S)[:, None, None], np.arange(A)[:, None], self.next_state), self.prob)  # eq-3
         return P
 
-    def expected_reward(self):
+    def expected_reward(self) -> Floats:
         """r(s, a) as (S, A); 0 for illegal actions. eq-4"""
         return (self.reward * self.prob).sum(axis=2)  # eq-4
 
-    def expected_reward_sas(self):
+    def expected_reward_sas(self) -> Floats:
         """r(s, a, s') as (S, A, S); NaN where p(s'|s, a) = 0, for there it is not defined. eq-5"""
         S, A = self.n_states, self.n_actions
         total = np.zeros((S, A, S))
@@ -172,11 +184,11 @@ class FiniteMDP(Model):
         P = self.transition_probs()
         return np.divide(total, P, out=np.full_like(P, np.nan), where=P > 0)  # eq-5
 
-    def sampler(self):
+    def sampler(self) -> Sampler:
         """Arrays from which compiled loops draw: next_state, reward, cumulative probabilities, terminal, start."""
         return Sampler(self.next_state, self.reward, cumulative(self.prob), self.terminal, cumulative(self.start))
 
-    def predecessors(self):
+    def predecessors(self) -> tuple[Ints, Ints]:
         """States from which each state can be reached in one step, as (indptr (S + 1,), indices): those of s are
         indices[indptr[s]:indptr[s + 1]], in increasing order."""
         S = self.n_states
@@ -190,7 +202,7 @@ class FiniteMDP(Model):
 
 
 @checked
-def uniform_policy(mdp):
+def uniform_policy(mdp: FiniteMDP) -> Floats:
     """The equiprobable policy over A(s), (S, A)."""
     return mdp.legal / mdp.legal.sum(axis=1, keepdims=True)
 
@@ -208,7 +220,7 @@ def _legal_actions(name, actions, given):
 
 
 @checked(actions=_legal_actions)
-def deterministic_policy(mdp, actions):
+def deterministic_policy(mdp: FiniteMDP, actions: ArrayLike) -> Floats:
     """pi (S, A) that takes actions[s] in state s; actions: (S,) integers, each in A(s)."""
     return np.eye(mdp.n_actions)[actions]
 
@@ -217,7 +229,7 @@ def deterministic_policy(mdp, actions):
 
 
 @checked(t=index(lambda given: given["rewards"].size + 1))
-def discounted_return(rewards, gamma, t=0):
+def discounted_return(rewards: ArrayLike, gamma: float, t: int = 0) -> float:
     """G_t as the direct sum over rewards R_{t+1} ... R_T; rewards[k] is R_{k+1}. eq-6, eq-7, eq-9
 
     gamma = 1 gives the undiscounted return (6); an episode padded with the zero rewards of an absorbing state has the
@@ -228,7 +240,7 @@ def discounted_return(rewards, gamma, t=0):
 
 
 @checked
-def discounted_returns(rewards, gamma):
+def discounted_returns(rewards: ArrayLike, gamma: float) -> Floats:
     """G_0 ... G_{T-1}, shape (T,), by one backward pass from G_T = 0. eq-8 corrected, alg-returns
 
     rewards: (T,), rewards[t] is R_{t+1}.
@@ -265,7 +277,7 @@ def _first_state(name, s, given):
 
 
 @learner(lambda given, s, a, r, terminated: Trajectory(s, a, r, bool(terminated)), s=_first_state)
-def rollout(world, pi, n_steps, *, s=None, rng):
+def rollout(world: World, pi: ArrayLike, n_steps: int, *, s: int | None = None, rng: Rng) -> Trajectory:
     """Follow pi for n_steps or to a terminal state. eq-u-trajectory, fig-1, alg-rollout
 
     world: FiniteMDP, gymnasium.Env or its id. s: first state of a FiniteMDP; drawn from the start distribution where it
@@ -298,7 +310,10 @@ def _first_action(name, a, given):
 
 @learner(lambda given, G: G, world=check_world, s=index(lambda given: given["world"].n_states), a=_first_action,
          max_steps=count())  # fmt: skip
-def sample_returns(world, pi, gamma, n_episodes, *, s, a=None, max_steps, rng):
+def sample_returns(
+    world: FiniteMDP, pi: ArrayLike, gamma: float, n_episodes: int, *, s: int, a: int | None = None, max_steps: int,
+    rng: Rng,
+) -> Floats:  # fmt: skip
     """Returns G_0 of n_episodes trajectories from state s (and first action a), (n_episodes,). eq-10, eq-11
 
     Their mean estimates v_pi(s), or q_pi(s, a) where a is given. world: FiniteMDP. Each trajectory is cut after

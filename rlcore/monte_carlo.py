@@ -1,5 +1,7 @@
 """Monte Carlo: values from the returns of whole episodes (chapters 1 and 4)."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.core.checks import spaces
@@ -7,6 +9,7 @@ from rlcore.core.learner import learner, log, note, prediction
 from rlcore.core.results import Run
 from rlcore.core.rules import choice
 from rlcore.core.schedules import at
+from rlcore.core.types import ArrayLike, Rate, Rng, World
 from rlcore.core.worlds import episode, total
 
 
@@ -28,7 +31,10 @@ def _of_averages(given, average, returns, lengths, history, visits):
 
 
 @learner(_of_averages, target=_averages)
-def mc_prediction(world, pi, gamma, n_episodes, *, first_visit=True, target="v", max_steps=None, record=0, rng):
+def mc_prediction(
+    world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, first_visit: bool = True, target: str = "v",
+    max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """v_pi or q_pi as the average of the returns that followed each visit. alg-mc-prediction, eq-10, eq-11, cl-011
 
     world: FiniteMDP, gymnasium.Env or its id. first_visit: average over the first visit in each episode only, else over
@@ -60,7 +66,10 @@ def mc_prediction(world, pi, gamma, n_episodes, *, first_visit=True, target="v",
 
 
 @learner(prediction)
-def constant_alpha_mc(world, pi, gamma, n_episodes, *, alpha, V0=0.0, first_visit=False, max_steps=None, record=0, rng):
+def constant_alpha_mc(
+    world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, alpha: Rate, V0: ArrayLike = 0.0,
+    first_visit: bool = False, max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """v_pi by moving V(s) a step towards each return that followed s. alg-constant-alpha-mc, eq-18
 
     world: FiniteMDP, gymnasium.Env or its id. The updates come after the episode, from its last state back to its

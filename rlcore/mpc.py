@@ -1,9 +1,14 @@
 """A model of continuous states by least squares, and plans by random shooting in it (chapter 3)."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import numpy as np
 
 from rlcore.core.checks import check_count, finite, show
 from rlcore.core.rules import array, checked, count, function_of, like, sized
+from rlcore.core.types import ArrayLike, Floats, Ints, Rng
 
 
 def _actions_below(n_actions):
@@ -25,7 +30,7 @@ MOST_ACTIONS = 10_000  # of a model that sees them as one-hot rows
     x=array("n", "d"), a=_actions_below(lambda given: check_count("n_actions", given["n_actions"], most=MOST_ACTIONS)),
     x_next=like("x"), n_actions=count(most=MOST_ACTIONS),
 )  # fmt: skip
-def fit_linear_dynamics(x, a, x_next, n_actions):
+def fit_linear_dynamics(x: ArrayLike, a: ArrayLike, x_next: ArrayLike, n_actions: int) -> Floats:
     """W (d + A, d) with x' = [x, one-hot a] W closest to the data in least squares. alg-model-learning, fig-7
 
     x, x_next: (n, d) states; a: (n,) actions in 0..A-1.
@@ -48,7 +53,7 @@ def _states(name, x, given):
 
 
 @checked(W=_fitted, x=_states, a=_actions_below(lambda given: len(given["W"]) - given["W"].shape[1]))
-def linear_dynamics(W, x, a):
+def linear_dynamics(W: ArrayLike, x: ArrayLike, a: ArrayLike) -> Floats:
     """Next states (n, d) that the fitted model W predicts for states x (n, d) and actions a (n,). eq-u-dynamics"""
     return _features(x, a, W.shape[0] - W.shape[1]) @ W
 
@@ -65,7 +70,7 @@ def _plans(name, actions, given):
 
 
 @checked(model=function_of("(x, a)"), x=array("n", "d"), actions=_plans)
-def simulate(model, x, actions):
+def simulate(model: Callable[[Floats, Ints], Floats], x: ArrayLike, actions: ArrayLike) -> Floats:
     """States (T + 1, n, d) that n runs of the model visit from x (n, d) under actions (T, n). cl-026, fig-7"""
     path = [x]
     for a in actions:
@@ -74,7 +79,10 @@ def simulate(model, x, actions):
 
 
 @checked(model=function_of("(x, a)"), cost=function_of("x"), x=array("d"), n_candidates=sized("horizon"))
-def random_shooting(model, cost, x, n_actions, *, horizon, n_candidates, rng):
+def random_shooting(
+    model: Callable[[Floats, Ints], Floats], cost: Callable[[Floats], Floats], x: ArrayLike, n_actions: int, *,
+    horizon: int, n_candidates: int, rng: Rng,
+) -> int:  # fmt: skip
     """First action of the cheapest of n_candidates random plans, each simulated `horizon` steps in the model. alg-mpc
 
     model(x, a) -> (n, d) next states of n states at once; cost(x) -> (n,) is added up over the states met; x: (d,), the

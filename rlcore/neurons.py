@@ -1,16 +1,19 @@
 """One neuron, its activations, steps and bumps; the costs of what a network answers (chapter 6)."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.core.checks import check_count, check_finite, finite
 from rlcore.core.rules import anything, array, checked, choice
 from rlcore.core.samples import check_labels, finite_numbers, numbers, pair
+from rlcore.core.types import ArrayLike, Floats
 
 # ---------------------------------------------------------------------- activations
 
 
 @checked(z=numbers)
-def sigmoid(z):
+def sigmoid(z: ArrayLike) -> Floats:
     """1 / (1 + e^-z), elementwise. eq-u-sigmoid, fig-33
 
     Written with e^-|z|, which cannot overflow.
@@ -20,19 +23,19 @@ def sigmoid(z):
 
 
 @checked(z=numbers)
-def relu(z):
+def relu(z: ArrayLike) -> Floats:
     """max(0, z), elementwise. eq-u-relu, fig-34"""
     return np.maximum(z, 0)
 
 
 @checked(z=numbers)
-def tanh(z):
+def tanh(z: ArrayLike) -> Floats:
     """The hyperbolic tangent, elementwise: 2 sigma(2z) - 1."""
     return np.tanh(z)
 
 
 @checked(z=numbers)
-def linear(z):
+def linear(z: ArrayLike) -> Floats:
     """z itself: the output of a network that has to reach any number."""
     return z
 
@@ -53,7 +56,7 @@ def _inputs(name, x, given):
 
 
 @checked(w=array("n"), x=_inputs, b=check_finite, activation=choice(*ACTIVATIONS))
-def neuron(w, x, b=0.0, activation="sigmoid"):
+def neuron(w: ArrayLike, x: ArrayLike, b: float = 0.0, activation: str = "sigmoid") -> Floats:
     """Output of one neuron, sigma(w . x + b). eq-nn-20, eq-nn-21, eq-nn-22, eq-nn-23
 
     w, x: (n,), or x (B, n) for a batch. activation: a name of ACTIVATIONS; "linear" leaves the weighted sum as it is.
@@ -70,14 +73,14 @@ def _logits(name, logits, given):
 
 
 @checked(logits=_logits)
-def log_softmax(logits):
+def log_softmax(logits: ArrayLike) -> Floats:
     """Logarithms of the softmax of the last axis; adding a number to all logits changes nothing. om-softmax"""
     shifted = logits - logits.max(axis=-1, keepdims=True)  # exp of large logits would overflow
     return shifted - np.log(np.exp(shifted).sum(axis=-1, keepdims=True))  # om-softmax
 
 
 @checked(logits=_logits)
-def softmax(logits):
+def softmax(logits: ArrayLike) -> Floats:
     """Probabilities proportional to exp(logits), along the last axis. om-softmax"""
     return np.exp(log_softmax.unchecked(logits))
 
@@ -94,7 +97,7 @@ def _n_classes(name, n, given):
 
 
 @checked(k=anything, n=_n_classes)
-def one_hot(k, n):
+def one_hot(k: ArrayLike, n: int) -> Floats:
     """Desired output for class k of n: 1 in place k, counted from 0, and 0 elsewhere. eq-u-digit-target corrected
 
     k: a whole number, or (B,) of them. Returns (n,) or (B, n).
@@ -117,7 +120,7 @@ def _desired(name, y, given):
 
 
 @checked(a=_outputs, y=_desired)
-def quadratic_cost(a, y):
+def quadratic_cost(a: ArrayLike, y: ArrayLike) -> float:
     """C = 1/(2n) sum over the n samples of |y - a|^2. eq-nn-25, ex-digit-cost
 
     a, y: (d,) for one sample or (B, d). Returns a number.
@@ -126,7 +129,7 @@ def quadratic_cost(a, y):
 
 
 @checked(a=_outputs, y=_desired)
-def quadratic_gradient(a, y):
+def quadratic_gradient(a: ArrayLike, y: ArrayLike) -> Floats:
     """Derivative of `quadratic_cost` with respect to a: (a - y) / n, of a's shape. eq-nn-33, eq-nn-34"""
     return (a - y) / np.atleast_2d(a).shape[0]
 
@@ -137,7 +140,7 @@ def _classes(name, labels, given):
 
 
 @checked(logits=_outputs, labels=_classes)
-def cross_entropy(logits, labels):
+def cross_entropy(logits: ArrayLike, labels: ArrayLike) -> float:
     """Mean of -log of the softmax probability that the logits give to the label.
 
     logits: (K,) or (B, K), outputs of a linear layer. labels: a whole number below K, or (B,) of them.
@@ -147,7 +150,7 @@ def cross_entropy(logits, labels):
 
 
 @checked(logits=_outputs, labels=_classes)
-def cross_entropy_gradient(logits, labels):
+def cross_entropy_gradient(logits: ArrayLike, labels: ArrayLike) -> Floats:
     """Derivative of `cross_entropy` with respect to the logits: (softmax - one_hot) / n, of their shape."""
     p = softmax.unchecked(logits)
     np.atleast_2d(p)[np.arange(labels.size), labels] -= 1
@@ -171,13 +174,13 @@ def _slope(name, w, given):
 
 
 @checked(w=_slope, b=check_finite)
-def step_position(w, b):
+def step_position(w: ArrayLike, b: float) -> float:
     """Where sigma(w x + b) crosses 1/2: s = -b / w. eq-nn-24, fig-41, cl-090"""
     return -b / w  # eq-nn-24
 
 
 @checked(x=finite, s=check_finite, w=_slope)
-def step_neuron(x, s, w=1000.0):
+def step_neuron(x: ArrayLike, s: float, w: float = 1000.0) -> Floats:
     """A sigmoid neuron steep enough to be a step from 0 to 1 at s: sigma(w x + b) with b = -w s. fig-40, fig-41
 
     x: any shape. w: the weight; a negative one steps down. Returns an array of x's shape.
@@ -186,7 +189,7 @@ def step_neuron(x, s, w=1000.0):
 
 
 @checked(x=finite, s1=check_finite, s2=check_finite, h=check_finite, w=_slope)
-def bump(x, s1, s2, h, w=1000.0):
+def bump(x: ArrayLike, s1: float, s2: float, h: float, w: float = 1000.0) -> Floats:
     """Two step neurons with output weights h and -h: about h between s1 and s2, about 0 elsewhere. eq-u-bump, fig-44"""
     return h * step_neuron(x, s1, w) - h * step_neuron(x, s2, w)  # eq-u-bump
 
@@ -199,7 +202,7 @@ def _beside(name, y, given):
 
 
 @checked(x=finite, y=_beside, x_range=pair, y_range=pair, h=check_finite, w=_slope)
-def tower(x, y, x_range, y_range, h, w=1000.0):
+def tower(x: ArrayLike, y: ArrayLike, x_range: ArrayLike, y_range: ArrayLike, h: float, w: float = 1000.0) -> Floats:
     """About h inside the rectangle x_range x y_range, about 0 outside: bumps in two dimensions. cl-083
 
     A bump of height 1 along each axis; both together make 2, one alone 1, so that a step neuron at 3/2 fires inside

@@ -4,6 +4,11 @@ One convention throughout: rewards (T,) holds R_1 ... R_T; values holds V(S_0) .
 terminated, and one more entry, V(S_T), where it was cut and goes on unseen.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from rlcore.bellman import solve_policy
@@ -21,15 +26,18 @@ from rlcore.core.checks import (
 )
 from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.results import Run
 from rlcore.core.rules import array, checked, choice, count
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at
+from rlcore.core.types import ArrayLike, Floats, Given, Ints, Rate, Rng, World
 from rlcore.core.worlds import act, episode, reset, total
+from rlcore.mdp import FiniteMDP
 
 # ---------------------------------------------------------------------- what an episode is
 
 
-def reward_list(name, rewards, given):
+def reward_list(name: str, rewards: Any, given: Given) -> Floats:
     """The rule of rewards (T,)."""
     rewards = finite(name, rewards)
     if rewards.ndim != 1 or rewards.size == 0:
@@ -37,7 +45,7 @@ def reward_list(name, rewards, given):
     return rewards
 
 
-def value_list(name, values, given):
+def value_list(name: str, values: Any, given: Given) -> Floats:
     """The rule of values (T,), or (T + 1,) where the episode was cut: (T + 1,), the last 0 where it terminated."""
     values, T = finite(name, values), given["rewards"].size
     if values.shape not in ((T,), (T + 1,)):
@@ -45,7 +53,7 @@ def value_list(name, values, given):
     return np.append(values, 0.0) if values.size == T else values
 
 
-def visited(name, states, given):
+def visited(name: str, states: Any, given: Given) -> Ints:
     """The rule of states (T,), or (T + 1,) where the episode was cut; `values_on_the_way` looks whether V has them."""
     states = as_integers(name, states)
     if states.ndim != 1 or states.size == 0 or (states < 0).any():
@@ -53,7 +61,7 @@ def visited(name, states, given):
     return states
 
 
-def values_on_the_way(states, rewards, V):
+def values_on_the_way(states: Ints, rewards: Floats, V: Floats) -> Floats:
     """V of the states, (T + 1,), the last 0 where the episode terminated."""
     if ((states < 0) | (states >= V.size)).any():
         raise ValueError(f"states: got {states}, must be (T,) or (T + 1,) states in 0..{V.size - 1}")
@@ -84,7 +92,7 @@ def _steps_or_mixture(name, n, given):
 
 
 @compiled
-def return_to_horizon(rewards, gamma, t, h, c):
+def return_to_horizon(rewards: Floats, gamma: float, t: int, h: int, c: float) -> float:
     """G_t^h(c): the rewards from t + 1 to h, then c. Older rewards may have been overwritten, R_{k+1} at k mod size."""
     for k in range(h - 1, t - 1, -1):
         c = rewards[k % rewards.size] + gamma * c  # eq-25
@@ -92,7 +100,7 @@ def return_to_horizon(rewards, gamma, t, h, c):
 
 
 @compiled
-def lambda_returns(rewards, values, gamma, lam, first):
+def lambda_returns(rewards: Floats, values: Floats, gamma: float, lam: float, first: int) -> Floats:
     """L_t for t from `first` on, (T,), 0 before; values (T + 1,)."""
     L = np.zeros(rewards.size)
     G = values[rewards.size]
@@ -103,7 +111,7 @@ def lambda_returns(rewards, values, gamma, lam, first):
 
 
 @checked(rewards=reward_list, values=value_list, t=_time)
-def n_step_return(rewards, values, gamma, n, t=None):
+def n_step_return(rewards: ArrayLike, values: ArrayLike, gamma: float, n: int, t: int | None = None) -> float | Floats:
     """G_t^{t+n}(V(S_{t+n})), or the complete return where t + n passes the end. eq-22, eq-23, eq-24, eq-25, cl-064
 
     rewards: (T,). values: (T,) where the episode terminated, (T + 1,) where it was cut. t: a time in 0..T-1; all times
@@ -115,7 +123,7 @@ def n_step_return(rewards, values, gamma, n, t=None):
 
 
 @checked(rewards=reward_list, values=value_list, weights=_mixture)
-def complex_backup(rewards, values, gamma, weights):
+def complex_backup(rewards: ArrayLike, values: ArrayLike, gamma: float, weights: Mapping[int, float]) -> Floats:
     """A mixture of n-step returns, (T,). eq-u-complex-example, alg-complex-backup
 
     rewards, values: as in n_step_return. weights: {n: weight}, weights at least 0 that sum to 1.
@@ -125,7 +133,7 @@ def complex_backup(rewards, values, gamma, weights):
 
 
 @checked(rewards=reward_list, values=value_list)
-def lambda_return(rewards, values, gamma, lam):
+def lambda_return(rewards: ArrayLike, values: ArrayLike, gamma: float, lam: float) -> Floats:
     """L_0 ... L_{T-1}, (T,), by one backward pass. eq-31, eq-32, alg-lambda-return, cl-070
 
     rewards, values: as in n_step_return. lam = 0 gives the one-step target, lam = 1 the return, both exactly.
@@ -135,7 +143,7 @@ def lambda_return(rewards, values, gamma, lam):
 
 
 @checked(T_minus_t=count())
-def lambda_weights(T_minus_t, lam):
+def lambda_weights(T_minus_t: int, lam: float) -> Floats:
     """Weights of the 1-step, 2-step, ... and of the complete return in L_t, (T_minus_t,). eq-32, fig-23, fig-24
 
     T_minus_t: how many steps are left. The complete return, which comes last, gets all that the others leave.
@@ -145,7 +153,9 @@ def lambda_weights(T_minus_t, lam):
 
 
 @checked(v=lambda name, v, given: finite_values(given["mdp"], v, name), n=_steps_or_mixture, printed=check_flag)
-def error_reduction(mdp, pi, v, n, gamma, *, printed=False):
+def error_reduction(
+    mdp: FiniteMDP, pi: ArrayLike, v: ArrayLike, n: int | Mapping[int, float], gamma: float, *, printed: bool = False
+) -> tuple[float, float]:
     """(left, right) of max |E[n-step return with v] - v_pi| <= gamma^n max |v - v_pi|. eq-30, cl-065, cl-069
 
     v: a number or (S,). n: a number of steps, or {n: weight} for a mixture of them, whose factor is the mixture of the
@@ -164,7 +174,9 @@ def error_reduction(mdp, pi, v, n, gamma, *, printed=False):
 
 
 @checked(states=visited, rewards=reward_list, V=array("S"), alpha=check_rate)
-def forward_increments(states, rewards, V, gamma, lam, alpha):
+def forward_increments(
+    states: ArrayLike, rewards: ArrayLike, V: ArrayLike, gamma: float, lam: float, alpha: float
+) -> Floats:
     """What the lambda-returns of an episode add to V, V held fixed: (T, S), row t at time t. eq-33, fig-25
 
     states: (T,) where the episode terminated, else (T + 1,). rewards: (T,). V: (S,). The sum over t is the update.
@@ -179,7 +191,10 @@ def forward_increments(states, rewards, V, gamma, lam, alpha):
 
 
 @learner(prediction)
-def n_step_td(world, pi, gamma, n, n_episodes, *, alpha, online=True, V0=0.0, max_steps=None, record=0, rng):
+def n_step_td(
+    world: World, pi: ArrayLike, gamma: float, n: int, n_episodes: int, *, alpha: Rate, online: bool = True,
+    V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """v_pi from n-step returns. alg-n-step-online, alg-n-step-offline, eq-26, eq-27, eq-28, eq-29, cl-067
 
     world: FiniteMDP, gymnasium.Env or its id. n: the number of rewards in a target; a state is updated n steps after
@@ -214,8 +229,9 @@ def n_step_td(world, pi, gamma, n, n_episodes, *, alpha, online=True, V0=0.0, ma
 
 @learner(prediction, reading=choice("in order", "summed", "recomputed"))
 def offline_lambda_return(
-    world, pi, gamma, lam, n_episodes, *, alpha, reading="in order", V0=0.0, max_steps=None, record=0, rng
-):
+    world: World, pi: ArrayLike, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, reading: str = "in order",
+    V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """v_pi from lambda-returns, at the end of each episode. alg-lambda-return, eq-33
 
     reading: how the increments (33) of an episode meet. "in order": the targets are those of the V before the episode,

@@ -1,10 +1,15 @@
 """Steps that lower a cost: gradient descent, momentum, Adam; each acts on one flat parameter vector (chapter 6)."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import numpy as np
 
 from rlcore.core.checks import check_finite, check_positive, is_number, show
 from rlcore.core.rules import checked, function_of
 from rlcore.core.samples import check_samples
+from rlcore.core.types import ArrayLike, Floats, Network
 
 
 def _decay(name, value, given):
@@ -21,10 +26,10 @@ class SGD:
     """
 
     @checked(momentum=_decay)
-    def __init__(self, lr, momentum=0.0):
+    def __init__(self, lr: float, momentum: float = 0.0) -> None:
         self.lr, self.momentum, self.v = lr, momentum, None
 
-    def update(self, theta, gradient):
+    def update(self, theta: Floats, gradient: ArrayLike) -> None:
         gradient = _check_gradient(theta, gradient, self.v)
         if self.momentum:
             self.v = gradient + (0.0 if self.v is None else self.momentum * self.v)
@@ -41,11 +46,11 @@ class Adam:
     """
 
     @checked(beta1=_decay, beta2=_decay, eps=check_positive)
-    def __init__(self, lr=1e-3, beta1=0.9, beta2=0.999, eps=1e-8):
+    def __init__(self, lr: float = 1e-3, beta1: float = 0.9, beta2: float = 0.999, eps: float = 1e-8) -> None:
         self.lr, self.beta1, self.beta2, self.eps, self.t = lr, beta1, beta2, eps, 0
         self.m = self.v = None
 
-    def update(self, theta, gradient):
+    def update(self, theta: Floats, gradient: ArrayLike) -> None:
         gradient = _check_gradient(theta, gradient, self.m)
         if self.m is None:
             self.m, self.v, self._work = np.zeros_like(theta), np.zeros_like(theta), np.empty_like(theta)
@@ -62,7 +67,7 @@ class Adam:
         theta -= work
 
 
-def take_step(net, gradient):
+def take_step(net: Network, gradient: ArrayLike) -> None:
     """One step of the network's optimizer, for `step` of MLP and TorchNet."""
     if net.optimizer is None:
         raise ValueError("optimizer: got None, step needs an SGD or Adam: give it to the network, or set net.optimizer")
@@ -80,7 +85,7 @@ def _check_gradient(theta, gradient, state):
 
 
 @checked(gradient=function_of("a number"), v=check_finite, epsilon=check_finite)
-def gradient_descent(gradient, v, epsilon, n_steps):
+def gradient_descent(gradient: Callable[[float], float], v: float, epsilon: float, n_steps: int) -> Floats:
     """v_0 ... v_n of v <- v - epsilon C'(v), shape (n_steps + 1,). fig-11, ex-learning-rate
 
     gradient: C', a function of one number. v: start. epsilon: the learning rate; a negative one ascends.

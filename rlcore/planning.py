@@ -1,5 +1,7 @@
 """Planning with a learned model, and learning with planning: counts, certainty equivalence, Dyna (chapter 3)."""
 
+from __future__ import annotations
+
 import itertools
 from collections import Counter, defaultdict, namedtuple
 from dataclasses import dataclass
@@ -25,6 +27,7 @@ from rlcore.core.results import PlanningRun
 from rlcore.core.rules import anything, checked, count, index, sized, takes_none
 from rlcore.core.sampling import draw, step
 from rlcore.core.schedules import at, constant, now
+from rlcore.core.types import ArrayLike, Floats, Rate, Rng, World
 from rlcore.core.worlds import FOREVER, act, reset
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, rollout
@@ -42,7 +45,7 @@ def _with_a_model(name, run, given):
     run=_with_a_model, s=index(lambda given: given["run"].model.n_states),
     a=index(lambda given: given["run"].model.n_actions),
 )  # fmt: skip
-def predict(run, s, a):
+def predict(run: PlanningRun, s: int, a: int) -> tuple[Floats, float]:
     """p(s'|s, a) as (S,) and r(s, a), as the model kept by `run` has them. ex-prediction-test, cl-029
 
     Raises ValueError where `run` keeps no model, as every model-free method.
@@ -66,7 +69,7 @@ class Transitions:
 
 
 @learner(lambda given, *found: Transitions(*found), world=check_world)
-def sample_transitions(world, pi, n_steps, *, rng):
+def sample_transitions(world: World, pi: ArrayLike, n_steps: int, *, rng: Rng) -> Transitions:
     """n_steps transitions under pi, starting anew after each terminal state. alg-model-learning
 
     world: FiniteMDP. Returns Transitions.
@@ -114,7 +117,10 @@ def _legal(name, legal, given):
 
 
 @checked(data=_recorded, n_actions=sized("n_states"), terminal=_some_states, legal=_legal, start=anything)
-def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=None, unseen=0.0):
+def estimate_model(
+    data: Transitions, n_states: int, n_actions: int, *, terminal: ArrayLike = (), legal: ArrayLike | None = None,
+    start: ArrayLike | None = None, unseen: float = 0.0,
+) -> FiniteMDP:  # fmt: skip
     """The maximum-likelihood FiniteMDP: p(s', r|s, a) is how often (s', r) followed (s, a). alg-model-learning
 
     data: Transitions. terminal: states that end an episode. legal: (S, A) bool, all where None. start: state or (S,).
@@ -139,7 +145,10 @@ def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=
 
 
 @checked(world=check_world)
-def certainty_equivalent_control(world, gamma, n_episodes, *, epsilon=0.1, unseen=0.0, max_steps=10_000, record=0, rng):
+def certainty_equivalent_control(
+    world: FiniteMDP, gamma: float, n_episodes: int, *, epsilon: Rate = 0.1, unseen: float = 0.0,
+    max_steps: int = 10_000, record: int = 0, rng: Rng,
+) -> PlanningRun:  # fmt: skip
     """Estimate the model, plan in it as if it were true, act on the plan for an episode, repeat. alg-ce-planning
 
     world: FiniteMDP to act in; of it, the method knows A(s) and the terminal states. epsilon: probability of a random
@@ -177,7 +186,7 @@ Memory = namedtuple("Memory", "next_state reward ended last states n_states acti
 
 
 @compiled
-def empty_memory(S, A):
+def empty_memory(S: int, A: int) -> Memory:
     """A Memory of nothing."""
     return Memory(
         np.full((S, A), -1), np.zeros((S, A)), np.zeros((S, A), np.bool_), np.zeros((S, A)), np.zeros(S, np.int64),
@@ -186,7 +195,7 @@ def empty_memory(S, A):
 
 
 @compiled
-def remember(memory, Q, s, a, untried):
+def remember(memory: Memory, Q: Floats, s: int, a: int, untried: bool) -> None:
     """List the pair (s, a), which was never tried before, and with `untried` the other actions of s."""
     if memory.n_actions[s] == 0:
         memory.states[memory.n_states[0]] = s
@@ -220,9 +229,10 @@ def _with_model(given, Q, returns, lengths, history, visits, memory):
 
 @learner(_with_model, n_planning=count(0), kappa=check_nonnegative, change=_change)
 def dyna_q(
-    world, gamma, n_episodes, *, n_planning, alpha, epsilon, Q0=0.0, kappa=0.0, max_steps=None, change=None, record=0,
-    rng,
-):  # fmt: skip
+    world: World, gamma: float, n_episodes: int, *, n_planning: int, alpha: Rate, epsilon: Rate, Q0: ArrayLike = 0.0,
+    kappa: float = 0.0, max_steps: int | None = None, change: tuple[int, FiniteMDP] | None = None, record: int = 0,
+    rng: Rng,
+) -> PlanningRun:  # fmt: skip
     """Q-learning that also replays n_planning remembered transitions after each real one. alg-dyna, fig-12
 
     world: FiniteMDP, gymnasium.Env or its id. n_planning = 0 is Q-learning, without a model. The model is the last
@@ -262,7 +272,9 @@ def dyna_q(
 
 
 @checked(data=_recorded, n_actions=sized("n_states"), Q0=check_finite)
-def replay(data, n_states, n_actions, gamma, *, alpha, Q0=0.0):
+def replay(
+    data: Transitions, n_states: int, n_actions: int, gamma: float, *, alpha: float, Q0: ArrayLike = 0.0
+) -> Floats:
     """Q (S, A) after one pass of Q-learning over recorded transitions, in their order. cl-034, eq-21
 
     data: Transitions. Whoever chose the actions, they index the updates. States that occur only as s' keep Q0, so that

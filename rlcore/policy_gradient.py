@@ -1,5 +1,9 @@
 """The exact policy gradient, and its estimates from episodes (chapter 7)."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 from rlcore.bellman import expected_visits, q_from_v, solve_policy
@@ -8,8 +12,9 @@ from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner
 from rlcore.core.rules import anything, array, checked, takes_none
 from rlcore.core.samples import check_labels
+from rlcore.core.types import ArrayLike, Flags, Floats, Ints, Rng, World
 from rlcore.core.worlds import act, reset
-from rlcore.mdp import discounted_returns
+from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.policies import (
     add_score,
     check_features,
@@ -25,7 +30,7 @@ from rlcore.policies import (
 
 
 @checked(theta=anything, features=linear)
-def objective(mdp, theta, gamma, *, features=None):
+def objective(mdp: FiniteMDP, theta: ArrayLike, gamma: float, *, features: ArrayLike | None = None) -> float:
     """J(theta), the expected discounted return from the start distribution. eq-rf-39 corrected
 
     theta: (A, d). features: (S, d), one a state where None.
@@ -38,7 +43,9 @@ def objective(mdp, theta, gamma, *, features=None):
     theta=anything,
     features=linear,
 )
-def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
+def policy_gradient_exact(
+    mdp: FiniteMDP, theta: ArrayLike, gamma: float, *, features: ArrayLike | None = None, V: ArrayLike | None = None
+) -> Floats:
     """Gradient of J with respect to theta, (A, d). eq-u-pg-theorem, alg-policy-gradient-exact, fig-50
 
     Two linear solves: q_pi, and the expected discounted number of visits to each state, which weights it; there is no
@@ -55,7 +62,9 @@ def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
 
 
 @checked(theta=anything, alpha=check_positive, features=linear)
-def gradient_ascent(mdp, theta, gamma, n_steps, *, alpha, features=None):
+def gradient_ascent(
+    mdp: FiniteMDP, theta: ArrayLike, gamma: float, n_steps: int, *, alpha: float, features: ArrayLike | None = None
+) -> Floats:
     """theta_0 ... theta_n of ascent along the exact gradient, (n_steps + 1, A, d). eq-u-pg-update, fig-49"""
     history, (X, _) = [theta], features
     for _ in range(n_steps):
@@ -90,7 +99,10 @@ def _of_states(name, b, given):
     theta=lambda name, theta, given: check_parameters(name, theta), states=anything, actions=anything,
     rewards=array("T"), features=_features, baseline=_of_states,
 )  # fmt: skip
-def episode_gradient(theta, states, actions, rewards, gamma, *, features=None, baseline=0.0, discount_states=False):
+def episode_gradient(
+    theta: ArrayLike, states: ArrayLike, actions: ArrayLike, rewards: ArrayLike, gamma: float, *,
+    features: ArrayLike | None = None, baseline: ArrayLike = 0.0, discount_states: bool = False,
+) -> Floats:  # fmt: skip
     """g of figure 52 from one finished episode, (A, d): lines 4 to 9. alg-reinforce, fig-52, eq-u-reinforce
 
     states: (T,) or (T + 1,); actions, rewards: (T,), rewards[t] is R_{t+1}. baseline: b(s), a number or (S,).
@@ -105,7 +117,9 @@ def episode_gradient(theta, states, actions, rewards, gamma, *, features=None, b
 
 
 @compiled
-def softmax_episode(world, theta, X, legal, p_min, max_steps, rng):
+def softmax_episode(
+    world: Any, theta: Floats, X: Floats, legal: Flags, p_min: float, max_steps: int, rng: Rng
+) -> tuple[Ints, Ints, Floats, bool]:
     """One episode of the softmax policy: states (T + 1,), actions (T,), rewards (T,), whether the last is terminal."""
     pi = np.zeros(len(theta))
     states, actions, rewards = np.empty(257, np.int64), np.empty(256, np.int64), np.empty(256)
@@ -146,9 +160,10 @@ def _any_baseline(name, b, given):
     theta=anything, features=linear, baseline=_any_baseline, acting=_acting, corrected=_corrected,
 )  # fmt: skip
 def gradient_estimates(
-    world, theta, gamma, n_episodes, *, features=None, baseline=0.0, discount_states=False, acting=None,
-    corrected=True, max_steps=None, rng,
-):  # fmt: skip
+    world: World, theta: ArrayLike, gamma: float, n_episodes: int, *, features: ArrayLike | None = None,
+    baseline: ArrayLike = 0.0, discount_states: bool = False, acting: ArrayLike | None = None, corrected: bool = True,
+    max_steps: int | None = None, rng: Rng,
+) -> Floats:  # fmt: skip
     """g of figure 52 for each of n_episodes episodes under one theta, (n_episodes, A, d). fig-54, eq-u-reinforce
 
     baseline: a number, (S,), or (S, A) for one that depends on the action and is therefore wrong. acting: (A, d)

@@ -18,15 +18,20 @@ Baselines; "paper": Schulman et al., 2017):
   gradients are not clipped, and no rollout is left early because of its KL
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from rlcore.core.agents import make_agent
+from rlcore.core.agents import ActorCritic, Gradient, Policy, make_agent
 from rlcore.core.checks import check_flag, check_nonnegative, check_positive
+from rlcore.core.results import Run
 from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
 from rlcore.core.rules import anything, array, checked, choice, instance, rules
 from rlcore.core.samples import finite_numbers
+from rlcore.core.types import Array, ArrayLike, Floats, Network, OnEpisode, Rng
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 from rlcore.trust_region import adapt_beta
@@ -78,7 +83,7 @@ OF_RATIO = dict(ratio=_samples, advantage=_beside_ratio)
 
 
 @checked(**OF_RATIO)
-def surrogate_gradient(ratio, advantage):
+def surrogate_gradient(ratio: ArrayLike, advantage: ArrayLike) -> Floats:
     """Derivative of the surrogate with respect to log pi(a|s), per sample. eq-ppo-44, eq-ppo-48
 
     ratio, advantage: (B,). Returns (B,). At ratio 1 it is that of L^PG, which gives eq-ppo-41.
@@ -87,7 +92,7 @@ def surrogate_gradient(ratio, advantage):
 
 
 @checked(**OF_RATIO, clip=check_positive)
-def clip_gradient(ratio, advantage, clip):
+def clip_gradient(ratio: ArrayLike, advantage: ArrayLike, clip: float) -> Floats:
     """Derivative of the clipped surrogate with respect to log pi(a|s), per sample. eq-ppo-49, fig-59, fig-60
 
     ratio, advantage: (B,). clip: epsilon > 0. Returns (B,): 0 where the objective is flat.
@@ -130,7 +135,10 @@ def _config(name, config, given):
     policy=instance(Categorical | Gaussian, "a Categorical or a Gaussian"), old=anything, actions=_actions,
     old_log_prob=_each, advantage=_each, config=_config, beta=check_nonnegative,
 )  # fmt: skip
-def objective_gradient(policy, old, actions, old_log_prob, advantage, config, beta=None):
+def objective_gradient(
+    policy: Policy, old: Policy | None, actions: ArrayLike, old_log_prob: ArrayLike, advantage: ArrayLike,
+    config: PPOConfig, beta: float | None = None,
+) -> tuple[Gradient, Floats]:  # fmt: skip
     """Derivative of the policy's part of (50) with respect to its outputs, and the ratios (B,). eq-ppo-46, eq-ppo-50
 
     policy, old: Categorical or Gaussian, new and old, of the B states. old_log_prob, advantage: (B,). beta: coefficient
@@ -160,7 +168,10 @@ def _parts(gradient):
 
 
 @checked(world=anything, config=config_of(PPOConfig), net=anything, critic=anything)
-def ppo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=None):
+def ppo(
+    world: Any, *, rng: Rng, n_steps: int, config: PPOConfig | None = None, net: Network | None = None,
+    critic: Network | None = None, on_episode: OnEpisode | None = None,
+) -> Run:  # fmt: skip
     """Rollouts of T steps in N environments, each followed by K epochs of minibatch ascent on (50). om-ppo-box
 
     world: id or gymnasium environment with Box observations (n,), and actions that are Discrete or a Box (m,). n_steps:
@@ -187,7 +198,9 @@ def ppo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=N
     return make_run(agent, episodes, history, FIELDS)
 
 
-def improve(agent, data, config, beta, rng):
+def improve(
+    agent: ActorCritic, data: tuple[Array, ...], config: PPOConfig, beta: float, rng: Rng
+) -> tuple[float, float, float, float, float]:
     """K epochs over the data of one rollout. Returns kl, largest_ratio, outside, entropy, value_loss."""
     x, actions, advantage, target = data
     old, _ = agent.forward(x)

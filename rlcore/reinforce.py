@@ -1,6 +1,9 @@
 """REINFORCE, with and without baseline, for a policy that is linear in features and for a network (chapter 7)."""
 
+from __future__ import annotations
+
 from collections import namedtuple
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +12,7 @@ from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.rules import checked, takes_none
 from rlcore.core.schedules import at
+from rlcore.core.types import ArrayLike, Floats, Given, Network, OnEpisode, Rate, Rng, Rule, World
 from rlcore.core.worlds import FOREVER, open_world, total
 from rlcore.distributions import Categorical
 from rlcore.mdp import discounted_returns
@@ -50,9 +54,11 @@ def _w0(name, value, given):
 
 @learner(gradient, **LINEAR | dict(baseline=_learned_or_number, w0=_w0))
 def reinforce(
-    world, gamma, n_episodes, *, alpha=0.01, baseline=None, alpha_w=0.01, features=None, theta0=0.0, w0=0.0,
-    every_step=False, discount_states=False, p_min=0.0, max_steps=None, record=0, rng,
-):  # fmt: skip
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate = 0.01, baseline: str | None = None,
+    alpha_w: Rate = 0.01, features: ArrayLike | None = None, theta0: ArrayLike = 0.0, w0: ArrayLike = 0.0,
+    every_step: bool = False, discount_states: bool = False, p_min: float = 0.0, max_steps: int | None = None,
+    record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """Gradient ascent on J with the returns of whole episodes. alg-reinforce, alg-reinforce-baseline, fig-52, om-score
 
     The policy is a softmax in theta . x(s), see `softmax_policy`. world: FiniteMDP, gymnasium.Env with Discrete spaces
@@ -98,7 +104,7 @@ def reinforce(
 # ---------------------------------------------------------------------- a network
 
 
-def network_world(name, world, given):
+def network_world(name: str, world: Any, given: Given) -> Any:
     """The rule of an environment with Box observations (n,) and Discrete actions, or its id."""
     world = open_world(name, world)
     observations, actions = getattr(world, "observation_space", None), getattr(world, "action_space", None)
@@ -111,7 +117,7 @@ def network_world(name, world, given):
     return world
 
 
-def sizes(world):
+def sizes(world: Any) -> tuple[int, int]:
     """Length of an observation, and number of actions."""
     return world.observation_space.shape[0], int(world.action_space.n)
 
@@ -122,16 +128,20 @@ def _critic(name, critic, given):
     return check_network(name, critic, sizes(given["world"])[0], 1)
 
 
-NETWORKS = dict(  # the rules of net, which maps observations to logits, and of critic, which maps them to a value
-    world=network_world,
-    alpha=check_positive,
-    alpha_w=check_positive,
-    net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
-    critic=_critic,
+NETWORKS: dict[str, Rule] = (
+    dict(  # the rules of net, which maps observations to logits, and of critic, which maps them to a value
+        world=network_world,
+        alpha=check_positive,
+        alpha_w=check_positive,
+        net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
+        critic=_critic,
+    )
 )
 
 
-def make_networks(world, net, critic, alpha, alpha_w, rng):
+def make_networks(
+    world: Any, net: Network | None, critic: Network | bool | None, alpha: float, alpha_w: float, rng: Rng
+) -> tuple[Network, Network | None]:
     """net and critic; where None, an MLP with 32 tanh neurons and Adam. critic = False: none is wanted."""
     n, A = sizes(world)
     net = MLP([n, 32, A], optimizer=Adam(alpha), rng=rng) if net is None else net
@@ -142,9 +152,10 @@ def make_networks(world, net, critic, alpha, alpha_w, rng):
 
 @checked(**NETWORKS, baseline=_baseline("value", "time", "normalised"))
 def reinforce_network(
-    world, gamma, n_episodes, *, alpha=0.01, baseline=None, alpha_w=0.01, net=None, critic=None, discount_states=False,
-    max_steps=None, on_episode=None, rng,
-):  # fmt: skip
+    world: World, gamma: float, n_episodes: int, *, alpha: float = 0.01, baseline: str | None = None,
+    alpha_w: float = 0.01, net: Network | None = None, critic: Network | None = None, discount_states: bool = False,
+    max_steps: int | None = None, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
     """REINFORCE for a policy that is a network: states are vectors, actions discrete. alg-reinforce, fig-56
 
     world: gymnasium.Env with Box observations of shape (n,), or its id. net: maps them to the logits of the actions;
@@ -188,10 +199,10 @@ def reinforce_network(
 class TimeBaseline:
     """b(t): mean of G_t over the earlier episodes that were that long; 0 where there was none. fig-56"""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.total, self.count = np.zeros(0), np.zeros(0)
 
-    def __call__(self, G):
+    def __call__(self, G: Floats) -> Floats:
         """b(0) ... b(T-1), before G (T,) is counted in."""
         more = max(0, G.size - self.total.size)
         self.total, self.count = np.pad(self.total, (0, more)), np.pad(self.count, (0, more))

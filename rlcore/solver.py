@@ -9,6 +9,8 @@ Three ways to repeat the Bellman optimality backup (16), tried in this order, an
 Each starts below v_*. Source: MacQueen (1966); Puterman (1994), sections 6.5 to 6.7.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.bellman import error_bound, greedy, q_from_v
@@ -16,7 +18,7 @@ from rlcore.core.chains import chain, reaches, solve_system
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution
 from rlcore.core.rules import checked
-from rlcore.mdp import uniform_policy
+from rlcore.mdp import FiniteMDP, uniform_policy
 
 ULP = float(np.finfo(float).eps) / 2  # relative error of one operation
 SUM_TOL = 1e-9  # by how much FiniteMDP allows the probabilities of a pair to miss 1
@@ -29,7 +31,7 @@ MOST = 100_000  # backups a state at gamma = 1, where nothing contracts
 
 
 @checked
-def solve(mdp, gamma, tol=1e-6):
+def solve(mdp: FiniteMDP, gamma: float, tol: float = 1e-6) -> Solution:
     """Optimal values and policy with a certified error: max |V - v_*| <= bound. eq-16, alg-value-iteration
 
     tol: the bound that is wanted, positive; where doubles cannot give it, converged is False and bound says what was

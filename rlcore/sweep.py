@@ -1,5 +1,7 @@
 """Many runs, settings x seeds, on this machine or on a cluster; a sweep that was stopped goes on where it was."""
 
+from __future__ import annotations
+
 import hashlib
 import inspect
 import json
@@ -12,16 +14,19 @@ import threading
 import time
 import traceback
 import warnings
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, as_completed, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rlcore.core.checks import check_count, check_flag, show
 from rlcore.core.rules import checked, instance
+from rlcore.core.types import File
 
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 PACKAGES = ("numpy", "numba", "gymnasium", "torch")
@@ -110,7 +115,10 @@ EXECUTOR = instance(Executor, "a concurrent.futures.Executor; Dask's: get_execut
 
 
 @checked(function=_function, settings=_settings, seeds=_seeds, store=_store, executor=EXECUTOR, progress=check_flag)
-def sweep(function, settings, seeds, store, executor=None, *, progress=None):
+def sweep(
+    function: Callable[..., Any], settings: Sequence[dict[str, Any]], seeds: Iterable[int], store: File,
+    executor: Executor | None = None, *, progress: bool | None = None,
+) -> list[Record]:  # fmt: skip
     """[Record], one for each setting and each seed (seeds vary faster), of function(**setting, rng=default_rng(seed)).
 
     function: at the top level of a module, or of a script with `if __name__ == "__main__":`, so that workers can

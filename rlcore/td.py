@@ -1,6 +1,9 @@
 """Temporal-difference learning of values and of behaviour, one step at a time (chapter 4)."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -8,9 +11,11 @@ from rlcore.bellman import v_from_q
 from rlcore.core.checks import as_flags, check_pi, spaces
 from rlcore.core.compiled import inlined
 from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.results import Run
 from rlcore.core.rules import anything, checked, elementwise, takes_none
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at, check_schedule, constant, now
+from rlcore.core.types import ArrayLike, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.policies import control, epsilon_greedy, expected_value, max_value
 
@@ -22,20 +27,23 @@ TERMS = dict(
 
 @inlined
 @checked(**TERMS)
-def td_target(r, V_next, gamma, terminated=False):
+def td_target(r: ArrayLike, V_next: ArrayLike, gamma: float, terminated: ArrayLike = False) -> Any:
     """r + gamma V(s'), where an end counts 0; elementwise. eq-u-td-target corrected, eq-23"""
     return r + gamma * V_next * (1 - terminated)  # eq-u-td-target
 
 
 @inlined
 @checked(**TERMS)
-def td_error(r, V, V_next, gamma, terminated=False):
+def td_error(r: ArrayLike, V: ArrayLike, V_next: ArrayLike, gamma: float, terminated: ArrayLike = False) -> Any:
     """delta = r + gamma V(s') - V(s), elementwise. om-td-error, eq-36"""
     return td_target(r, V_next, gamma, terminated) - V  # eq-36
 
 
 @learner(prediction)
-def td0(world, pi, gamma, n_episodes, *, alpha, V0=0.0, max_steps=None, record=0, rng):
+def td0(
+    world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, alpha: Rate, V0: ArrayLike = 0.0,
+    max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """v_pi by tabular TD(0): each step moves V(s) towards r + gamma V(s'). alg-td0, eq-19 corrected
 
     world: FiniteMDP, gymnasium.Env or its id. alpha: step size in (0, 1], or decaying(...). V0: a number or (S,).
@@ -82,7 +90,10 @@ def _of_behaviour(given, Q, *more):
 
 
 @learner(_of_behaviour, epsilon=anything, pi=_behaviour)
-def sarsa(world, gamma, n_episodes, *, alpha, epsilon=None, pi=None, Q0=0.0, max_steps=None, record=0, rng):
+def sarsa(
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate | None = None,
+    pi: ArrayLike | None = None, Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """Q(s, a) moves towards r + gamma Q(s', a') of the action a' that is taken next. alg-sarsa, eq-20, cl-053
 
     world: FiniteMDP, gymnasium.Env or its id. alpha: step size in (0, 1], or decaying(...). epsilon: probability of a
@@ -112,7 +123,10 @@ def sarsa(world, gamma, n_episodes, *, alpha, epsilon=None, pi=None, Q0=0.0, max
 
 
 @learner(control)
-def expected_sarsa(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_steps=None, record=0, rng):
+def expected_sarsa(
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, Q0: ArrayLike = 0.0,
+    max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """Q(s, a) moves towards r + gamma times the mean of Q(s', .) under the epsilon-greedy policy. alg-expected-sarsa
 
     Arguments and result as for `sarsa`. With epsilon = 0 it is Q-learning. Source: van Seijen et al. (2009); Sutton and
@@ -138,7 +152,10 @@ def expected_sarsa(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_step
 
 
 @learner(control)
-def q_learning(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_steps=None, record=0, rng):
+def q_learning(
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, Q0: ArrayLike = 0.0,
+    max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """Q(s, a) moves towards r + gamma max over a' of Q(s', a'), whatever is done next. alg-q-learning, eq-21, cl-056
 
     Arguments and result as for `sarsa`. Source: Watkins (1989); Sutton and Barto (2018), section 6.5.

@@ -1,14 +1,19 @@
 """Eligibility traces: TD(lambda) of values and of behaviour, between TD(0) and Monte Carlo (chapter 5)."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 from rlcore.core.checks import as_flags, as_integers, check_rate, show
 from rlcore.core.compiled import compiled, inlined
 from rlcore.core.learner import learner, log, note, prediction
-from rlcore.core.results import WatkinsRun
+from rlcore.core.results import Run, WatkinsRun
 from rlcore.core.rules import anything, array, checked, choice, elementwise, takes_none
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at, now
+from rlcore.core.types import ArrayLike, Floats, Ints, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.nstep import reward_list, values_on_the_way, visited
 from rlcore.policies import control, epsilon_greedy, max_value
@@ -28,7 +33,7 @@ def _dutch_rate(name, alpha, given):
 
 
 @checked(e=elementwise(), visited=elementwise("e", kind=as_flags), kind=choice(*TRACES, PRINTED), alpha=_dutch_rate)
-def trace_update(e, visited, gamma_lam, kind, alpha=None):
+def trace_update(e: ArrayLike, visited: ArrayLike, gamma_lam: float, kind: str, alpha: float | None = None) -> Any:
     """The trace after one step, from the trace e before it. eq-34, eq-35, om-state-traces, om-indicator, fig-26
 
     e: a number or an array. visited: 1 for the state (or pair) of this step, else 0; like e. gamma_lam: in [0, 1].
@@ -41,7 +46,7 @@ def trace_update(e, visited, gamma_lam, kind, alpha=None):
 
 
 @inlined
-def kept(trace, alpha):
+def kept(trace: str, alpha: float) -> float:
     """How much of the decayed trace of the visited state stays when 1 is added: 1, 1 - alpha or 0. cl-076"""
     if trace == "dutch":
         return 1 - alpha
@@ -56,7 +61,7 @@ def _times(name, visits, given):
 
 
 @checked(visits=anything, kind=choice(*TRACES, PRINTED), alpha=_dutch_rate)
-def trace_course(visits, n_steps, gamma_lam, kind, alpha=None):
+def trace_course(visits: ArrayLike, n_steps: int, gamma_lam: float, kind: str, alpha: float | None = None) -> Floats:
     """The trace of one state at times 0 ... n_steps - 1, (n_steps,). fig-26, cl-075
 
     visits: the times at which the state is visited. Others: as in trace_update.
@@ -68,7 +73,10 @@ def trace_course(visits, n_steps, gamma_lam, kind, alpha=None):
 
 
 @checked(states=visited, rewards=reward_list, V=array("S"), alpha=check_rate, trace=choice(*TRACES))
-def backward_increments(states, rewards, V, gamma, lam, alpha, trace="accumulating"):
+def backward_increments(
+    states: ArrayLike, rewards: ArrayLike, V: ArrayLike, gamma: float, lam: float, alpha: float,
+    trace: str = "accumulating",
+) -> Floats:  # fmt: skip
     """alpha delta_t E_t(s) of an episode, V held fixed: (T, S), row t at time t. eq-36, eq-37, fig-27, cl-073
 
     states, rewards, V: as in forward_increments. With accumulating traces the sums over t are equal.
@@ -85,7 +93,7 @@ def backward_increments(states, rewards, V, gamma, lam, alpha, trace="accumulati
 
 
 @compiled
-def visit(e, live, n, x, keep):
+def visit(e: Floats, live: Ints, n: int, x: int, keep: float) -> int:
     """Add 1 to the trace of x, of which a part `keep` stays; how many traces live[:n] lists then."""
     if e[x] == 0.0:
         live[n] = x
@@ -98,7 +106,7 @@ def visit(e, live, n, x, keep):
 
 
 @compiled
-def credit(table, e, live, n, step, decay):
+def credit(table: Floats, e: Floats, live: Ints, n: int, step: float, decay: float) -> int:
     """table += step e, then e *= decay, at live[:n], for elsewhere e is 0; how many traces live[:n] lists then."""
     for k in range(n):
         x = live[k]
@@ -109,20 +117,9 @@ def credit(table, e, live, n, step, decay):
 
 @learner(prediction, trace=choice(*TRACES))
 def td_lambda(
-    world,
-    pi,
-    gamma,
-    lam,
-    n_episodes,
-    *,
-    alpha,
-    trace="accumulating",
-    online=True,
-    V0=0.0,
-    max_steps=None,
-    record=0,
-    rng,
-):
+    world: World, pi: ArrayLike, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, trace: str = "accumulating",
+    online: bool = True, V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """v_pi by TD(lambda), each TD error credited to all states by their traces. alg-td-lambda-acc, cl-073, cl-074
 
     lam: trace decay in [0, 1]; 0 is TD(0). trace: "accumulating", "dutch" (alg-td-lambda-dutch) or "replacing"
@@ -156,7 +153,10 @@ def td_lambda(
 
 
 @learner(prediction)
-def true_online_td_lambda(world, pi, gamma, lam, n_episodes, *, alpha, V0=0.0, max_steps=None, record=0, rng):
+def true_online_td_lambda(
+    world: World, pi: ArrayLike, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, V0: ArrayLike = 0.0,
+    max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """v_pi by TD(lambda) whose V at each step is that of the lambda-returns up to this step. alg-td-lambda-dutch
 
     Dutch traces, and a correction for what V(S_t) has gained since it was the target. Arguments and the Run that it
@@ -189,8 +189,9 @@ def true_online_td_lambda(world, pi, gamma, lam, n_episodes, *, alpha, V0=0.0, m
 
 @learner(control, trace=choice(*TRACES))
 def sarsa_lambda(
-    world, gamma, lam, n_episodes, *, alpha, epsilon, trace="accumulating", Q0=0.0, max_steps=None, record=0, rng
-):
+    world: World, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, trace: str = "accumulating",
+    Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> Run:  # fmt: skip
     """SARSA with a trace for each pair. alg-sarsa-lambda, fig-28, cl-078
 
     world: FiniteMDP, gymnasium.Env or its id. lam: trace decay in [0, 1]; 0 is SARSA. alpha: in (0, 1], or
@@ -228,8 +229,9 @@ def _with_cuts(given, *found):
 
 @learner(_with_cuts, trace=choice(*TRACES))
 def watkins_q_lambda(
-    world, gamma, lam, n_episodes, *, alpha, epsilon, trace="accumulating", Q0=0.0, max_steps=None, record=0, rng
-):
+    world: World, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, trace: str = "accumulating",
+    Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+) -> WatkinsRun:  # fmt: skip
     """Q-learning with a trace for each pair, all cut at an exploratory action. alg-watkins, fig-29, eq-u-watkins-trace
 
     lam = 0 is Q-learning. An action that ties for the maximum is greedy. Arguments: as in sarsa_lambda. Returns what it

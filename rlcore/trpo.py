@@ -1,14 +1,20 @@
 """Trust region policy optimisation: the natural gradient, as far as the KL allows (chapter 8)."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from rlcore.core.agents import ActorCritic, make_agent
+from rlcore.core.agents import ActorCritic, Policy, make_agent
 from rlcore.core.checks import check_fraction, check_nonnegative, check_positive
+from rlcore.core.results import Run
 from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
 from rlcore.core.rules import anything, array, checked, count, function_of, instance, rules
 from rlcore.core.samples import finite_numbers
+from rlcore.core.types import ArrayLike, Floats, Network, OnEpisode, Rng
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 
@@ -37,7 +43,7 @@ class TRPOConfig(Settings):
 
 
 @checked(product=function_of("v (P,)"), b=array("P", kind=finite_numbers))
-def conjugate_gradient(product, b, n_steps, tol=1e-10):
+def conjugate_gradient(product: Callable[[Floats], Floats], b: ArrayLike, n_steps: int, tol: float = 1e-10) -> Floats:
     """x with H x = b for a symmetric positive definite H that is known only by product(v) = H v. om-trpo-step
 
     b: (P,). Stops after n_steps or where the squared residual is below tol. Source: Hestenes and Stiefel (1952).
@@ -75,7 +81,7 @@ AGENT = instance(ActorCritic, "an ActorCritic")
 
 
 @checked(agent=AGENT, policy=_policy, v=_parameters, damping=check_nonnegative)
-def fisher_vector_product(agent, policy, v, damping=0.0):
+def fisher_vector_product(agent: ActorCritic, policy: Policy, v: ArrayLike, damping: float = 0.0) -> Floats:
     """H v, where H is the Fisher matrix of the policy averaged over the states of the agent's last forward. eq-ppo-45
 
     v: (P,), or (P + A,) where log_std belongs to the parameters. H = mean of J^T F J with the network's Jacobian J and
@@ -112,7 +118,9 @@ def _advantage(name, advantage, given):
 
 
 @checked(agent=AGENT, x=_samples, actions=_actions, advantage=_advantage, config=instance(TRPOConfig))
-def trpo_step(agent, x, actions, advantage, config):
+def trpo_step(
+    agent: ActorCritic, x: ArrayLike, actions: ArrayLike, advantage: ArrayLike, config: TRPOConfig
+) -> tuple[float, float, int]:
     """One update of the policy: the largest step along the natural gradient that (45) and (44) allow. alg-trpo
 
     x: (B, d). actions, advantage: of the B samples. Parameters change in place, or stay where no step is good enough.
@@ -163,7 +171,10 @@ def _set(agent, theta):
 
 
 @checked(world=anything, config=config_of(TRPOConfig), net=anything, critic=anything)
-def trpo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=None):
+def trpo(
+    world: Any, *, rng: Rng, n_steps: int, config: TRPOConfig | None = None, net: Network | None = None,
+    critic: Network | None = None, on_episode: OnEpisode | None = None,
+) -> Run:  # fmt: skip
     """Rollouts, each followed by one natural gradient step within the trust region. alg-trpo, eq-ppo-44, eq-ppo-45
 
     Arguments as for `ppo`, with a TRPOConfig. Details that change results: those of `rlcore.ppo` except the optimizer
@@ -184,7 +195,7 @@ def trpo(world, *, rng, n_steps, config=None, net=None, critic=None, on_episode=
     return make_run(agent, episodes, history, FIELDS)
 
 
-def fit_values(agent, x, target, config, rng):
+def fit_values(agent: ActorCritic, x: Floats, target: Floats, config: TRPOConfig, rng: Rng) -> None:
     """K epochs of minibatch descent on the squared error of v_hat, which is a network of its own. om-value-loss"""
     for _ in range(config.epochs):
         order = rng.permutation(len(x))

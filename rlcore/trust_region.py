@@ -1,6 +1,9 @@
 """What PPO approximates, exact on small processes: surrogate, KL, lower bound, and the steps they allow (chapter 8)."""
 
+from __future__ import annotations
+
 from collections import namedtuple
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,19 +12,21 @@ from rlcore.bellman import expected_visits, q_from_v, solve_policy
 from rlcore.core.checks import as_floats, check_finite, check_fraction, check_nonnegative, check_positive, finite
 from rlcore.core.rules import array, checked, function_of, instance
 from rlcore.core.samples import numbers
+from rlcore.core.types import ArrayLike, Floats
+from rlcore.mdp import FiniteMDP
 from rlcore.neurons import softmax
 
 # ---------------------------------------------------------------------- at the old policy
 
 
 @checked
-def eta(mdp, pi, gamma):
+def eta(mdp: FiniteMDP, pi: ArrayLike, gamma: float) -> float:
     """Performance of pi (S, A): the expected discounted return from the start distribution. fig-58"""
     return float(mdp.start @ solve_policy(mdp, pi, gamma))
 
 
 @checked
-def advantage(mdp, pi, gamma):
+def advantage(mdp: FiniteMDP, pi: ArrayLike, gamma: float) -> Floats:
     """A(s, a) = q_pi(s, a) - v_pi(s), (S, A); -inf where a is not in A(s). eq-ppo-42, cl-122"""
     V = solve_policy(mdp, pi, gamma)
     return q_from_v(mdp, V, gamma) - V[:, None]  # eq-ppo-42
@@ -42,13 +47,13 @@ class OldPolicy:
     visits: np.ndarray
 
     @property
-    def weight(self):
+    def weight(self) -> Floats:
         """Part of the (discounted) time steps that is spent in each state, (S,)."""
         return self.visits / self.visits.sum()
 
 
 @checked
-def old_policy(mdp, pi, gamma):
+def old_policy(mdp: FiniteMDP, pi: ArrayLike, gamma: float) -> OldPolicy:
     """pi (S, A) as an OldPolicy. alg-trpo, om-trpo-step"""
     A = np.where(mdp.legal & ~mdp.terminal[:, None], advantage(mdp, pi, gamma), 0.0)
     return OldPolicy(pi, gamma, eta(mdp, pi, gamma), A, expected_visits(mdp, pi, gamma))
@@ -71,7 +76,7 @@ OLD = dict(old=instance(OldPolicy, "what old_policy returns"), pi=_policies)
 
 
 @checked(**OLD)
-def surrogate(old, pi):
+def surrogate(old: OldPolicy, pi: ArrayLike) -> Floats:
     """Mean over the old policy's time steps of r_t A_t with r_t = pi / pi_old: 0 at pi_old. eq-ppo-44, eq-ppo-48
 
     pi: (..., S, A), one policy or many. Returns (...). The ratio times the old probability is the new one.
@@ -80,7 +85,7 @@ def surrogate(old, pi):
 
 
 @checked(**OLD)
-def local_performance(old, pi):
+def local_performance(old: OldPolicy, pi: ArrayLike) -> Floats:
     """L_old(pi): eta of pi to first order, with the states that pi_old meets instead of its own; (...). eq-ppo-46
 
     Source: Kakade and Langford (2002); Schulman et al. (2015), equation (3).
@@ -89,7 +94,7 @@ def local_performance(old, pi):
 
 
 @checked(**OLD)
-def kl(old, pi):
+def kl(old: OldPolicy, pi: ArrayLike) -> Floats:
     """KL(pi_old(.|s), pi(.|s)) in each state, (..., S); inf where pi never does what pi_old may do. eq-ppo-45"""
     used = old.pi > 0
     with np.errstate(divide="ignore"):
@@ -97,19 +102,19 @@ def kl(old, pi):
 
 
 @checked(**OLD)
-def mean_kl(old, pi):
+def mean_kl(old: OldPolicy, pi: ArrayLike) -> Floats:
     """KL averaged over the old policy's time steps, (...). eq-ppo-45"""
     return np.where(old.weight > 0, kl.unchecked(old, pi), 0.0) @ old.weight  # eq-ppo-45
 
 
 @checked(**OLD)
-def max_kl(old, pi):
+def max_kl(old: OldPolicy, pi: ArrayLike) -> Floats:
     """The largest KL of any state that the old policy can be in, (...). eq-ppo-46 corrected"""
     return np.where(old.weight > 0, kl.unchecked(old, pi), 0.0).max(axis=-1)
 
 
 @checked(**OLD)
-def penalty_coefficient(old):
+def penalty_coefficient(old: OldPolicy) -> float:
     """C = 4 epsilon gamma / (1 - gamma)^2 with epsilon the largest absolute advantage. eq-ppo-46 corrected, cl-128
 
     Raises ValueError at gamma = 1. Source: Schulman et al. (2015), theorem 1.
@@ -120,7 +125,7 @@ def penalty_coefficient(old):
 
 
 @checked(**OLD, C=check_nonnegative)
-def lower_bound(old, pi, C=None):
+def lower_bound(old: OldPolicy, pi: ArrayLike, C: float | None = None) -> Floats:
     """L_old(pi) - C max_s KL, (...): never above eta(pi) with the C of `penalty_coefficient`. eq-ppo-46 corrected
 
     C: another coefficient, for which that is not guaranteed. fig-58, cl-128, cl-129
@@ -137,7 +142,7 @@ def _beside_base(name, direction, given):
 
 
 @checked(base=array("S", "A"), direction=_beside_base, theta=finite)
-def policy_line(base, direction, theta):
+def policy_line(base: ArrayLike, direction: ArrayLike, theta: ArrayLike) -> Floats:
     """Softmax policies with one parameter: preferences base + theta direction, (S, A) each. fig-58
 
     theta: any shape. Returns (..., S, A).
@@ -146,7 +151,9 @@ def policy_line(base, direction, theta):
 
 
 @checked(bound=function_of("(theta, candidates)"), theta=check_finite, reach=check_positive)
-def mm_maximise(bound, theta, n_steps, *, reach=4.0):
+def mm_maximise(
+    bound: Callable[[float, Floats], ArrayLike], theta: float, n_steps: int, *, reach: float = 4.0
+) -> Floats:
     """theta_0 ... theta_n where each maximises the bound built at the one before, (n_steps + 1,). alg-mm, ex-mm
 
     bound(theta, candidates): the minorizer built at theta, at each of the candidates (n,). They lie up to `reach` to
@@ -175,7 +182,10 @@ OF_X = function_of("x (d,)")
 
 
 @checked(f=OF_X, x=array("d"), direction=_beside_x, slope=check_positive, shrink=check_fraction, c=check_fraction)
-def backtracking_line_search(f, x, direction, slope, *, shrink=0.5, c=1e-4, max_steps=60):
+def backtracking_line_search(
+    f: Callable[[Floats], float], x: ArrayLike, direction: ArrayLike, slope: float, *, shrink: float = 0.5,
+    c: float = 1e-4, max_steps: int = 60,
+) -> tuple[float, Floats]:  # fmt: skip
     """The first of the step sizes 1, shrink, shrink^2, ... that raises f enough, and where it leads. alg-line-search
 
     Enough is f(x + t d) >= f(x) + c t slope, the condition of Armijo. x, direction: (d,). slope: the directional
@@ -198,7 +208,7 @@ def _symmetric(name, H, given):
 
 
 @checked(g=array("d"), H=_symmetric, radius=check_positive)
-def trust_region_step(g, H, radius):
+def trust_region_step(g: ArrayLike, H: ArrayLike, radius: float) -> Floats:
     """The p (d,) that maximises g . p + p . H p / 2 with |p| <= radius. alg-trust-region
 
     g: (d,) gradient. H: (d, d) symmetric, of any sign. Where the top is not inside, p solves (lambda I - H) p = g with
@@ -220,7 +230,10 @@ def trust_region_step(g, H, radius):
 
 
 @checked(f=OF_X, gradient=OF_X, hessian=OF_X, x=array("d"), radius=check_positive, max_radius=check_positive)
-def trust_region_ascent(f, gradient, hessian, x, n_steps, *, radius=1.0, max_radius=10.0):
+def trust_region_ascent(
+    f: Callable[[Floats], float], gradient: Callable[[Floats], ArrayLike], hessian: Callable[[Floats], ArrayLike],
+    x: ArrayLike, n_steps: int, *, radius: float = 1.0, max_radius: float = 10.0,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """n_steps trust region steps: positions (n_steps + 1, d) and radii (n_steps + 1,). alg-trust-region
 
     The radius halves where f rises by less than a quarter of what the quadratic model says, doubles where it rises by
@@ -243,7 +256,7 @@ def trust_region_ascent(f, gradient, hessian, x, n_steps, *, radius=1.0, max_rad
 
 
 @checked(**OLD, beta=check_positive)
-def penalised_step(old, beta):
+def penalised_step(old: OldPolicy, beta: float) -> Floats:
     """The policy (S, A) that maximises surrogate - beta mean KL. eq-ppo-46, alg-kl-penalty, ex-beta
 
     In each state pi(a) = beta pi_old(a) / (mu - A(a)), where mu makes the sum over a 1; Newton from the left finds it.
@@ -260,7 +273,7 @@ def penalised_step(old, beta):
 
 
 @checked(**OLD, delta=check_positive)
-def constrained_step(old, delta):
+def constrained_step(old: OldPolicy, delta: float) -> tuple[Floats, float]:
     """The policy that maximises the surrogate under mean KL <= delta, and its beta. eq-ppo-44, eq-ppo-45, alg-trpo
 
     The beta whose `penalised_step` has a mean KL of delta: the constraint chooses the penalty. Returns (S, A) and a
@@ -281,7 +294,7 @@ LEAST_BETA, LARGEST_BETA = 1e-30, 1e30
 
 
 @checked(beta=check_positive, d=check_nonnegative, d_target=check_positive)
-def adapt_beta(beta, d, d_target):
+def adapt_beta(beta: float, d: float, d_target: float) -> float:
     """beta after an update that moved the policy by a mean KL of d. om-adaptive-beta, alg-kl-adaptive, cl-131
 
     Half where d < d_target / 1.5, twice where d > 1.5 d_target, and never beyond LEAST_BETA and LARGEST_BETA, so that
@@ -296,7 +309,9 @@ Steps = namedtuple("Steps", "eta kl beta pi")  # (n + 1,), (n,), (n,), (S, A): p
 
 
 @checked(beta=check_positive, d_target=check_positive)
-def penalised_ascent(mdp, pi, gamma, n_steps, *, beta, d_target=None):
+def penalised_ascent(
+    mdp: FiniteMDP, pi: ArrayLike, gamma: float, n_steps: int, *, beta: float, d_target: float | None = None
+) -> Steps:
     """n_steps exact penalised steps from pi, as Steps; beta stays, or adapts to d_target. alg-kl-adaptive, ex-beta"""
     old, etas, kls, betas = old_policy(mdp, pi, gamma), [], [], []
     for _ in range(n_steps):
@@ -308,7 +323,7 @@ def penalised_ascent(mdp, pi, gamma, n_steps, *, beta, d_target=None):
 
 
 @checked(delta=check_positive)
-def constrained_ascent(mdp, pi, gamma, n_steps, *, delta):
+def constrained_ascent(mdp: FiniteMDP, pi: ArrayLike, gamma: float, n_steps: int, *, delta: float) -> Steps:
     """n_steps exact constrained steps from pi, as Steps with the beta that each constraint implies. alg-trpo, cl-127"""
     old, etas, kls, betas = old_policy(mdp, pi, gamma), [], [], []
     for _ in range(n_steps):

@@ -48,9 +48,13 @@ def test_family_tree_names_the_function_of_the_chosen_leaf(name, path):
 def test_rows_of_the_heat_maps_are_those_of_the_model():
     robot = recycling_robot()
     fig = plots.model_and_policy(robot, uniform_policy(robot), 0)
-    maps = [ax.collections[0].get_array().reshape(2, -1) for ax in fig.axes]
-    np.testing.assert_array_equal(maps[0], robot.transition_probs()[:, 0])
-    assert np.allclose(maps[0].sum(axis=1), 1) and np.allclose(maps[3].sum(axis=1), 1)
+    maps = [ax.collections[0].get_array() if ax.collections else None for ax in fig.axes]
+    P = robot.transition_probs()
+    for a in range(2):
+        np.testing.assert_array_equal(maps[a], P[:, a])
+    np.testing.assert_allclose(np.ma.filled(maps[3], 0), uniform_policy(robot).T)  # a row for each action
+    chain = [(P[0, 0] + P[0, 1]) / 2, P[1].mean(axis=0)]  # two actions with a high battery, three with a low one
+    np.testing.assert_allclose(maps[5], chain)
     assert maps[2].mask.tolist() == [[True, True], [False, False]]  # no recharging with a high battery
 
 

@@ -133,6 +133,11 @@ def test_start_is_what_page_notebook_and_print_show_first():
     assert made.fallback == alone.fallback != panel().fallback
 
 
+def test_a_choice_may_be_called_start():
+    made = explore(lambda gamma, start: draw(gamma), title="T", gamma=[0.5, 0.9], start=[0, 1])
+    assert made.choices == {"gamma": [0.5, 0.9], "start": [0, 1]} and made.start == (0, 0) and len(made.frames) == 4
+
+
 def test_focus_and_choice_are_seen_on_light_and_dark_ground():
     page = panel().to_html()
     fill, letters = re.search(r"input:checked\+label \{background:(#\w+);color:(#\w+)", page).groups()

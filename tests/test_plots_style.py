@@ -3,6 +3,7 @@
 import io
 import re
 import warnings
+from pathlib import Path
 
 import matplotlib as mpl
 
@@ -15,6 +16,9 @@ from nbclient import NotebookClient
 
 from rlcore import plots
 from rlcore.plots import style
+from rlcore.plots.style import METHODS, PALETTE, SMALL, method_of, styles
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(autouse=True)
@@ -39,8 +43,27 @@ def contrast(one, two):
 
 
 @pytest.mark.parametrize("colour", [c for name, c in plots.PALETTE.items() if name != "light"])
-def test_lines_stand_out_from_white(colour):
-    assert contrast(colour, "white") >= 3  # WCAG 2.2, 1.4.11
+def test_lines_and_texts_stand_out_from_white_and_on_dark_pages(colour):
+    assert contrast(colour, "white") >= 4.5  # WCAG 2.2, 1.4.3, since texts have these colours, too
+    assert contrast(dark(colour), dark("white")) >= 4.5
+
+
+def dark(colour):
+    """What the style sheet makes of a colour in a figure on a dark page."""
+    sheet = (ROOT / "book" / "_static" / "book.css").read_text("utf-8")
+    (share,) = re.findall(r"filter: invert\(([\d.]+)\) hue-rotate\(180deg\)", sheet)
+    turn = np.array([[-0.574, 1.430, 0.144], [0.426, 0.430, 0.144], [0.426, 1.430, -0.856]])  # of the CSS filter
+    return turn.dot(float(share) - (2 * float(share) - 1) * np.array(mpl.colors.to_rgb(colour))).clip(0, 1)
+
+
+@pytest.mark.parametrize("name", ["blue", "vermillion", "green", "purple", "ochre"])
+def test_colours_keep_their_hue_on_dark_pages(name):
+    before, after = (mpl.colors.rgb_to_hsv(mpl.colors.to_rgb(c)) for c in (PALETTE[name], dark(PALETTE[name])))
+    assert abs((before[0] - after[0] + 0.5) % 1 - 0.5) < 20 / 360 and after[1] > 0.3
+
+
+def test_a_figure_on_a_dark_page_stands_on_the_ground_of_the_page():
+    assert contrast(dark("white"), "#121212") < 1.05
 
 
 def test_curves_differ_in_colour_and_in_line():
@@ -55,8 +78,8 @@ def test_text_is_legible_at_360_pixels():
     fig, ax = plots.new_figure()
     ax.set(xlabel="x", ylabel="y", title="t")
     sizes = [text.get_fontsize() for text in (ax.title, ax.xaxis.label, ax.yaxis.label, *ax.get_xticklabels())]
-    shown = 330 / (72 * fig.get_figwidth())  # pixels per point where the page leaves 330 pixels
-    assert min(sizes) * shown >= 9
+    shown = 334 / (72 * fig.get_figwidth())  # pixels per point where the page of 360 pixels leaves 334
+    assert min(*sizes, SMALL) * shown >= 10
 
 
 def test_figure_has_a_fixed_size_and_a_white_ground():
@@ -86,6 +109,56 @@ def test_numbers_on_a_heatmap_are_readable(cmap):
     for text in ax.texts:
         ground = image.cmap(image.norm(float(text.get_text())))
         assert contrast(text.get_color(), ground) >= 4.5  # WCAG 2.2, 1.4.3
+
+
+LABELS = {
+    "SARSA": "SARSA", "expected SARSA, 0.5": "expected SARSA", "Q-learning goes on": "Q-learning", "TD, 0.05": "TD",
+    "TD(0)": "TD(0)", "batch TD(0)": "batch TD", "batch Monte Carlo": "batch Monte Carlo", "MC, batch": "MC",
+    "Dyna-Q+": "Dyna-Q+", "Dyna-Q": "Dyna-Q", "REINFORCE with baseline, mean": "REINFORCE with baseline",
+    "first visit: slope -0.5": "first visit", "n-step TD": "TD", "exact": None, "stable": None, "MCTS": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("label, method", LABELS.items())
+def test_a_label_names_its_method(label, method):
+    assert method_of(label) == method
+    if method is not None:
+        colour, line = METHODS[method]
+        assert styles([label])[label] == {"color": PALETTE[colour], "ls": line}
+
+
+FAMILIES = [
+    ["SARSA", "Q-learning", "expected SARSA"], ["TD", "MC"], ["TD(0)", "Monte Carlo"], ["first visit", "every visit"],
+    ["batch TD", "batch Monte Carlo"], ["Dyna-Q", "Dyna-Q+", "never corrected"], ["Q-learning", "old model"],
+    ["value iteration", "policy iteration", "policy evaluation"], ["table", "ten groups"],
+    ["accumulating", "dutch", "replacing"], ["REINFORCE", "baseline", "actor-critic", "TRPO", "PPO"],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("methods", FAMILIES, ids=lambda methods: methods[0])
+def test_methods_that_are_compared_differ_in_colour_and_in_line(methods):
+    found = styles(methods).values()
+    assert len({s["color"] for s in found}) == len(methods)
+    assert len({str(s["ls"]) for s in found}) == len(methods) or len(methods) > 4
+
+
+def test_settings_of_one_method_share_its_colour_and_differ_in_line_and_mark():
+    found = styles(["TD, 0.05", "TD, 0.1", "MC, 0.1", "TD, 0.2", "truth"])
+    settings = [found[f"TD, {alpha}"] for alpha in (0.05, 0.1, 0.2)]
+    assert {s["color"] for s in settings} == {PALETTE["blue"]}
+    assert len({str(s["ls"]) for s in settings}) == len({s["marker"] for s in settings}) == 3
+    assert found["MC, 0.1"] == {"color": PALETTE["vermillion"], "ls": "--"}
+    assert found["truth"]["color"] not in (PALETTE["blue"], PALETTE["vermillion"])
+
+
+def test_settings_of_a_ladder_go_from_td_to_monte_carlo():
+    for name, steps in (("λ", (0, 0.4, 0.8, 0.9, 0.95, 1)), ("n", (1, 2, 4, 8, 16, 64, 512))):
+        labels = [f"{name} = {step}" for step in steps]
+        colours = [style["color"] for style in styles(labels).values()]
+        assert len(set(colours)) == len(steps)
+        assert [colours[0], colours[-1]] == [PALETTE["blue"].lower(), PALETTE["vermillion"].lower()]
+        assert min(contrast(colour, "white") for colour in colours) >= 4.5
+        assert styles(labels[2:3])[labels[2]]["color"] == colours[2]  # alone or among others
 
 
 def test_heatmap_puts_row_0_on_top_and_leaves_walls_without_text():
@@ -124,10 +197,10 @@ def test_arrow_bends_to_the_left_of_travel_and_carries_its_text(curve, side):
 
 
 def test_diagram_has_equal_units_and_no_frame():
-    fig, ax = plots.new_diagram((0, 10), (0, 4), width=5)
+    fig, ax = plots.new_diagram((0, 10), (0, 4))
     plots.box(ax, (2, 2), "Agent")
     plots.circle(ax, (8, 2), "s", face="black")
-    assert fig.get_size_inches() == pytest.approx([5, 2]) and not ax.axison
+    assert fig.get_size_inches() == pytest.approx([6, 2.4]) and not ax.axison
     assert [text.get_text() for text in ax.texts] == ["Agent", "s"]
     assert [text.get_color() for text in ax.texts] == ["black", "white"]
 

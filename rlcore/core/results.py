@@ -1,6 +1,9 @@
 """What algorithms return."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -38,14 +41,14 @@ class Run:
 
     returns: np.ndarray
     lengths: np.ndarray
-    V: np.ndarray | None = None
+    V: Any = None
     Q: np.ndarray | None = None
-    policy: np.ndarray | None = None
+    policy: Any = None
     history: np.ndarray | None = None
     visits: np.ndarray | None = None
     weights: np.ndarray | None = None
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         size = f"{self.returns.size} episodes, {self.lengths.sum():,} steps"
         held = {name: value for name, value in vars(self).items() if value is not None}
         held = [

@@ -1,14 +1,23 @@
 """Figures of chapter 1: the loop, the robots, the pole, discounting, Monte Carlo errors."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
+from rlcore.core.results import Solution
+from rlcore.core.types import ArrayLike
 from rlcore.envs.robots import BINNED, HELD, OFFICE, arm_motion, pole_return, push_pole
-from rlcore.plots.style import PALETTE, arrow, band, box, circle, new_diagram, new_figure
+from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, circle, heatmap, new_diagram, new_figure, styles
 
 SYMBOLS = {"slow left": "←", "slow right": "→", "fast left": "⇇", "fast right": "⇉", "grip": "grip"}
 
 
-def agent_environment_diagram(mdp=None, trajectory=None, t=None):
+def agent_environment_diagram(
+    mdp: FiniteMDP | None = None, trajectory: Trajectory | None = None, t: int | None = None
+) -> Figure:
     """The loop of figure 1; with a trajectory, step t of it is written on the arrows. fig-1
 
     mdp: gives the names of states and actions. t: 0..T - 1.
@@ -34,11 +43,11 @@ def agent_environment_diagram(mdp=None, trajectory=None, t=None):
     return fig
 
 
-def recycling_graph(mdp):
+def recycling_graph(mdp: FiniteMDP) -> Figure:
     """The recycling robot as a graph: states are open circles, actions filled dots. ex-recycling"""
-    fig, ax = new_diagram((0, 10), (0, 5.4))
-    places = {0: (2.2, 2.7), 1: (7.8, 2.7)}
-    dots = {(0, 0): (5.0, 4.4), (0, 1): (0.8, 4.6), (1, 0): (5.0, 1.0), (1, 1): (9.2, 0.8), (1, 2): (5.0, 2.7)}
+    fig, ax = new_diagram((0, 10), (-0.4, 6.4))
+    places = {0: (2.2, 3.0), 1: (7.8, 3.0)}
+    dots = {(0, 0): (5.0, 5.3), (0, 1): (0.8, 5.3), (1, 0): (5.0, 0.7), (1, 1): (9.2, 0.7), (1, 2): (5.0, 3.0)}
     curves = {(0, 0, 0): -0.3, (1, 0, 1): -0.3, (0, 1, 0): 0.5, (1, 1, 1): 0.5}
     edges = []
     for (s, a), dot in dots.items():
@@ -49,7 +58,7 @@ def recycling_graph(mdp):
     for s, a, s_next, text in edges:
         start, end = np.array(dots[s, a]), np.array(places[s_next])
         end = end - 0.75 * (end - start) / np.hypot(*(end - start))
-        arrow(ax, start, end, text, curve=curves.get((s, a, s_next), 0.0), fontsize=11)
+        arrow(ax, start, end, text, curve=curves.get((s, a, s_next), 0.0), fontsize=SMALL)
     for (_, a), dot in dots.items():
         circle(ax, dot, radius=0.16, face=PALETTE["black"])
         ax.text(dot[0], dot[1] + (0.42 if dot[1] > 2 else -0.42), mdp.action_names[a], ha="center", va="center")
@@ -58,13 +67,11 @@ def recycling_graph(mdp):
     return fig
 
 
-def pick_and_place_policy(mdp, solution, actions):
+def pick_and_place_policy(mdp: FiniteMDP, solution: Solution, actions: ArrayLike) -> Figure:
     """Values (shade) and best actions of the pick-and-place arm, empty above and holding below. ex-pick-and-place
 
     actions: (S, A) bool, the best actions of each state.
     """
-    from rlcore.plots.style import heatmap
-
     fig, ax = new_figure(height=2.9)
     words = []
     for s in range(mdp.n_states):
@@ -77,40 +84,47 @@ def pick_and_place_policy(mdp, solution, actions):
 
 
 def arm(smoothness):
-    """Position and voltage of the continuous arm for one weight of the smoothness penalty. ex-pick-and-place"""
+    """Position and voltage of the continuous arm for one weight of the smoothness penalty. ex-pick-and-place
+
+    The title says what the weight buys: when the arm is there for good (within 2 %), and its highest voltage.
+    """
     position, _, voltage, _ = arm_motion(smoothness)
     seconds = 0.05 * np.arange(position.size)
+    there = seconds[np.flatnonzero(np.abs(position - 1) > 0.02)[-1] + 1]
     fig, axes = new_figure(2, 1, height=4.2, sharex=True)
     axes[0].axhline(1, color=PALETTE["grey"], ls="--", lw=1.2)
     axes[0].plot(seconds, position, color=PALETTE["blue"])
-    axes[0].set(ylabel="position", ylim=(-0.05, 1.25))
+    axes[0].text(seconds[-1], 1.04, "target", ha="right", va="bottom", color=PALETTE["grey"], fontsize=SMALL)
+    axes[0].plot([there], [np.interp(there, seconds, position)], "o", color=PALETTE["black"])
+    axes[0].set(ylabel="position", ylim=(-0.05, 1.25), xlim=(-0.05, 3.05))
+    axes[0].set_title(f"penalty {smoothness:g}: there after {there:.2f} s, at most {np.abs(voltage).max():.1f} V")
     axes[1].step(seconds[:-1], voltage, where="post", color=PALETTE["vermillion"], ls="-")
     axes[1].set(ylabel="voltage", xlabel="time (s)", ylim=(-22, 29))
     return fig
 
 
 def can_office(mdp, trajectory, t):
-    """The office of the can-collecting robot after t steps, with the rewards collected so far. ex-recycling, cl-008"""
-    robot, *cans = mdp.state_names[trajectory.states[t]]
-    fig, ax = new_diagram((-0.1, 8.6), (-0.1, 5.1), width=6)
+    """The office of the can-collecting robot after t steps: its way, the cans, the rewards. ex-recycling, cl-008"""
+    robots, cans = zip(*((robot, cans) for robot, *cans in (mdp.state_names[s] for s in trajectory.states[: t + 1])))
+    fig, ax = new_diagram((-0.1, 9.4), (-0.1, 5.1))
     for cell, kind in enumerate("".join(OFFICE)):
         x, y = cell % 5, 4 - cell // 5
-        colour = PALETTE["grey"] if kind == "#" else "white"
-        ax.add_patch(_square(x, y, colour))
+        ax.add_patch(_square(x, y, PALETTE["grey"] if kind == "#" else "white"))
         if kind in "Bw":
-            ax.text(x + 0.5, y + 0.5, {"B": "bin", "w": "glass"}[kind], ha="center", va="center", fontsize=12)
-        if cell in cans:
-            ax.text(x + 0.27, y + 0.25, "can", ha="center", va="center", fontsize=11, color=PALETTE["blue"])
-    x, y = robot % 5 + 0.6, 4 - robot // 5 + 0.62
-    circle(ax, (x, y), "R", radius=0.3, face=PALETTE["vermillion"], fontsize=13)
-    did = mdp.action_names[trajectory.actions[t - 1]] if t else "-"
+            ax.text(x + 0.5, y + 0.06, {"B": "bin", "w": "glass"}[kind], ha="center", va="bottom", fontsize=SMALL)
+        if cell in cans[-1]:
+            ax.text(x + 0.5, y + 0.06, "can", ha="center", va="bottom", fontsize=SMALL, color=PALETTE["blue"])
+    x, y = np.array([robot % 5 + 0.5 for robot in robots]), np.array([4.68 - robot // 5 for robot in robots])
+    ax.plot(x, y, color=PALETTE["vermillion"], ls="-", lw=4, alpha=0.35, solid_capstyle="round")
+    circle(ax, (x[-1], y[-1]), "R", radius=0.26, face=PALETTE["vermillion"], fontsize=SMALL)
+    did = mdp.action_names[trajectory.actions[t - 1]] if t else "starts"
     lines = [
         f"step {t}: {did}",
-        f"reward so far {trajectory.rewards[:t].sum():+g}",
-        "a can in its hand" if HELD in cans else "hand empty",
-        f"cans in the bin: {cans.count(BINNED)}",
+        f"reward so far: {trajectory.rewards[:t].sum():+g}",
+        "a can in its hand" if HELD in cans[-1] else "nothing in its hand",
+        f"cans in the bin: {cans[-1].count(BINNED)}",
     ]
-    ax.text(5.25, 4.6, "\n".join(lines), va="top", linespacing=1.7, fontsize=12)
+    ax.text(5.3, 4.7, "\n".join(lines), va="top", linespacing=1.7, fontsize=SMALL)
     return fig
 
 
@@ -120,13 +134,13 @@ def _square(x, y, colour):
     return Rectangle((x, y), 1, 1, fc=colour, ec=PALETTE["grey"], lw=1.2)
 
 
-def cart_pole(states):
+def cart_pole(states: ArrayLike) -> Figure:
     """A cart with its pole at the last of the states (T, 4), earlier ones pale, and the limits of failure. fig-2"""
     fig, ax = new_diagram((-2.9, 2.9), (-0.5, 2.0))
     ax.plot([-2.4, 2.4], [0, 0], color=PALETTE["black"], ls="-", lw=1.5)
     for x in (-2.4, 2.4):
         ax.plot([x, x], [-0.12, 0.3], color=PALETTE["vermillion"], ls="-", lw=3)
-        ax.text(x, -0.34, f"x = {x:+g}", ha="center", fontsize=12)
+        ax.text(x, -0.36, f"x = {x:+g}", ha="center", fontsize=SMALL)
     for state in states[:-1:4]:
         _draw_cart(ax, state, alpha=0.18)
     x = states[-1][0]
@@ -134,7 +148,7 @@ def cart_pole(states):
         tip = np.array([np.sin(np.radians(12)), np.cos(np.radians(12))]) * 1.35
         ax.plot([x, x + side * tip[0]], [0.4, 0.4 + tip[1]], color=PALETTE["grey"], ls=":", lw=1.4)
     _draw_cart(ax, states[-1])
-    ax.text(x + 0.42, 1.72, "12°", fontsize=12, color=PALETTE["grey"])
+    ax.text(x + 0.42, 1.72, "12°", fontsize=SMALL, color=PALETTE["grey"])
     return fig
 
 
@@ -151,7 +165,7 @@ def _cart(x, alpha):
     return Rectangle((x - 0.35, 0.1), 0.7, 0.3, fc=PALETTE["blue"], ec="none", alpha=alpha)
 
 
-def push_game(*pushes):
+def push_game(*pushes: str) -> Figure:
     """The cart-pole after pushes ("left" or "right", 4 steps of 0.02 s each), with what has become of it. fig-2"""
     states = push_pole([int(push == "right") for push in pushes])
     fig = cart_pole(states)
@@ -162,7 +176,7 @@ def push_game(*pushes):
     return fig
 
 
-def pole_returns(gamma):
+def pole_returns(gamma: float) -> Figure:
     """The two returns of pole balancing against the failing step K. fig-2, ex-pole-continuing"""
     K = np.arange(1, 101)
     fig, (left, right) = new_figure(1, 2, height=3.2)
@@ -172,22 +186,25 @@ def pole_returns(gamma):
     again = pole_return(K, gamma, again=True)
     right.plot(K, again, color=PALETTE["purple"], ls="--", label="every K steps")
     right.set(title="continuing: -1 a failure", xlabel="failing step K", ylim=(-2.05, 0.1))
-    right.legend(loc="lower right")
+    right.legend(loc="lower right", handlelength=1.4)
     return fig
 
 
 def discount_weights(gamma):
-    """How much a reward k + 1 steps ahead counts: gamma^k, and the horizon 1 / (1 - gamma). cl-002, cl-006"""
-    fig, ax = new_figure(height=3.2)
-    k, horizon = np.arange(61), 1 / (1 - gamma)
-    ax.vlines(k, 0, gamma**k, color=PALETTE["blue"], lw=3)
-    ax.axvline(horizon, color=PALETTE["vermillion"], ls="--")
-    ax.text(min(horizon, 58) + 0.8, 0.93, f"horizon 1/(1-γ) = {horizon:g}", color=PALETTE["vermillion"])
-    ax.set(xlabel="k", ylabel="weight $γ^k$ of $R_{t+1+k}$", ylim=(0, 1.05), xlim=(-1, 61))
+    """How much the k-th reward from now counts: gamma^(k-1), and the horizon 1 / (1 - gamma). cl-002, cl-006"""
+    fig, ax = new_figure(height=3.4)
+    k, horizon = np.arange(1, 61), 1 / (1 - gamma) if gamma < 1 else np.inf
+    ax.vlines(k, 0, float(gamma) ** (k - 1), color=PALETTE["blue"], lw=3)
+    if horizon <= k[-1]:
+        ax.axvline(horizon, color=PALETTE["vermillion"], ls="--")
+    ax.set(xlabel="k-th reward from now", ylabel="weight $γ^{k-1}$", ylim=(0, 1.05), xlim=(0, 61))
+    ax.set_xticks([1, 10, 20, 30, 40, 50, 60])
+    where = f"{horizon:.4g}".replace("inf", "∞") + (", off the axis" if horizon > k[-1] else "")
+    ax.set_title(f"γ = {gamma:g}: horizon 1/(1 − γ) = {where}", color=PALETTE["vermillion"])
     return fig
 
 
-def partial_sums(gamma, n=120):
+def partial_sums(gamma: float, n: int = 120) -> Figure:
     """Sums of the first n discounted rewards for rewards 1, k and 1.2^k. cl-003, cl-004, ex-constant-reward"""
     fig, ax = new_figure(height=3.4)
     k = np.arange(1, n + 1)
@@ -198,7 +215,7 @@ def partial_sums(gamma, n=120):
     return fig
 
 
-def myopic_values(gamma, switch):
+def myopic_values(gamma: float, switch: float) -> Figure:
     """What the two choices are worth against gamma, with the point of the switch and one gamma marked. ex-myopic"""
     fig, ax = new_figure(height=3.2)
     x = np.linspace(0, 1, 101)
@@ -212,14 +229,14 @@ def myopic_values(gamma, switch):
     return fig
 
 
-def absorbing_chain(rewards=(1, 1, 1)):
+def absorbing_chain(rewards: ArrayLike = (1, 1, 1)) -> Figure:
     """An episode that ends in an absorbing state, drawn as a square. ex-absorbing"""
     n = len(rewards)
     fig, ax = new_diagram((-0.6, 2.2 * n + 1.6), (-0.6, 1.15))
     for i, r in enumerate(rewards):
         circle(ax, (2.2 * i, 0), f"$S_{i}$", radius=0.45)
         arrow(ax, (2.2 * i + 0.45, 0), (2.2 * i + 1.75, 0), f"{r:+g}", offset=(0, 0.32))
-    box(ax, (2.2 * n, 0), "end", width=0.9, height=0.9, face=PALETTE["grey"])
+    box(ax, (2.2 * n, 0), "end", width=0.95, height=0.9, face="#D9D9D9", fontsize=SMALL)
     loop = np.linspace(1.05 * np.pi, -0.35 * np.pi, 40)
     x, y = 2.2 * n + 0.5 + 0.45 * np.cos(loop), 0.5 + 0.45 * np.sin(loop)
     ax.plot(x, y, color=PALETTE["black"], ls="-", lw=1.8, zorder=0)
@@ -228,22 +245,22 @@ def absorbing_chain(rewards=(1, 1, 1)):
     return fig
 
 
-def monte_carlo_error(n_episodes, errors, slopes):
+def monte_carlo_error(n_episodes: int, errors: ArrayLike, slopes: Sequence[float]) -> Figure:
     """Root-mean-square errors (runs, n) of Monte Carlo averages on log-log axes, with the slope -1/2. cl-011
 
     errors, slopes: {"first visit": (runs, n)}, {"first visit": number}.
     """
     fig, ax = new_figure(height=3.6)
-    for label, runs in errors.items():
+    for (label, runs), style in zip(errors.items(), styles(errors).values()):
         spread = np.percentile(runs, [10, 90], axis=0)
-        band(ax, n_episodes, np.median(runs, axis=0), spread, f"{label}: slope {slopes[label]:.1f}")
+        band(ax, n_episodes, np.median(runs, axis=0), spread, f"{label}: slope {slopes[label]:.1f}", **style)
     ax.plot(n_episodes, 0.5 / np.sqrt(n_episodes), color=PALETTE["grey"], ls=":", label="slope -1/2")
     ax.set(xscale="log", yscale="log", xlabel="episodes", ylabel="error of V (rms)")
     ax.legend()
     return fig
 
 
-def averages(n, runs, truth):
+def averages(n: int, runs: Curves, truth: ArrayLike) -> Figure:
     """Running averages (runs, n) of sampled returns, with the exact value. eq-10, eq-11"""
     fig, ax = new_figure(height=3.2)
     for run in runs:
@@ -254,7 +271,7 @@ def averages(n, runs, truth):
     return fig
 
 
-def return_ranking(episodic, continuing, labels):
+def return_ranking(episodic: ArrayLike, continuing: ArrayLike, labels: Sequence[Any]) -> Figure:
     """Ranks of policies under the episodic return against their ranks under the continuing ones. cl-007
 
     episodic: (n,). continuing: {gamma: (n,)}.
@@ -264,6 +281,7 @@ def return_ranking(episodic, continuing, labels):
     for (gamma, values), mark in zip(continuing.items(), "os"):
         ax.plot(rank, np.argsort(np.argsort(values)) + 1, mark, label=labels[gamma])
     ax.plot([1, rank.size], [1, rank.size], color=PALETTE["grey"], ls=":")
-    ax.set(xlabel="rank by steps until failure", ylabel="rank by discounted failures")
+    ticks = [1, *range(5, rank.size + 1, 5)]
+    ax.set(xlabel="rank by steps until failure", ylabel="rank by discounted\nfailures", xticks=ticks, yticks=ticks)
     ax.legend()
     return fig

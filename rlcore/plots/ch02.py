@@ -1,14 +1,19 @@
 """Figures of chapter 2: backup diagrams, golf, uniqueness, search, cost, where updates go."""
 
+from __future__ import annotations
+
 from collections import namedtuple
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.patches import Arc
+from matplotlib.patches import Arc, Rectangle
 
 from rlcore.bellman import q_from_v, solve_policy
+from rlcore.core.types import ArrayLike, Cell
 from rlcore.dp import value_iteration
-from rlcore.plots.style import PALETTE, band, circle, new_diagram, new_figure, text_colour
+from rlcore.plots.style import PALETTE, SMALL, band, circle, new_diagram, new_figure, styles
 
 # kind: "s" open circle, "a" solid circle; edge: words on the branch above; strong: whether that branch is a maximum
 Node = namedtuple("Node", "kind text name edge strong children", defaults=("", "", False, ()))
@@ -16,7 +21,7 @@ Node = namedtuple("Node", "kind text name edge strong children", defaults=("", "
 # ---------------------------------------------------------------------- backup diagrams
 
 
-def backup_diagram(kind, *, n_actions=3, n_next=2):
+def backup_diagram(kind: str, *, n_actions: int = 3, n_next: int = 2) -> Figure:
     """Backup diagram in symbols; kind: "v_pi", "q_pi", "v_star" or "q_star". fig-3, fig-4, fig-6"""
     if kind not in ("v_pi", "q_pi", "v_star", "q_star"):
         raise ValueError(f'kind: got {kind!r}, must be one of "v_pi", "q_pi", "v_star", "q_star"')
@@ -31,7 +36,7 @@ def backup_diagram(kind, *, n_actions=3, n_next=2):
     return draw_tree(root, arcs=not average)
 
 
-def value_diagram(mdp, root, pi, gamma, *, take="average"):
+def value_diagram(mdp: FiniteMDP, root: Any, pi: ArrayLike, gamma: float, *, take: str = "average") -> Figure:
     """Backup diagram of one state, or of one pair, with its numbers. fig-3, fig-4, fig-6
 
     root: a state s or a pair (s, a). take: "average" weighs actions by pi, "max" takes the best (pi is then not used).
@@ -62,7 +67,7 @@ def value_diagram(mdp, root, pi, gamma, *, take="average"):
     return draw_tree(tree, arcs=not average)
 
 
-def draw_tree(root, *, arcs, drop=2.8, radius=0.62):
+def draw_tree(root: Any, *, arcs: bool, drop: float = 2.8, radius: float = 0.62) -> Figure:
     """Root on top, leaves below; an arc across the branches under each state that has some, where arcs."""
     n_leaves = max(_leaves(root), 3)
     step = max(1.9, 9.5 / n_leaves)
@@ -86,7 +91,7 @@ def _draw_node(ax, node, left, y, step, drop, radius, arcs):
         ax.plot([x, below], [y, y - drop], color=PALETTE["black"], ls="-", lw=4.5 if child.strong else 1.6, zorder=1)
         if child.edge:
             at = 0.66 if len(xs) > 2 and node.kind == "s" and not child.children else 0.5
-            font = {"fontsize": 12, "linespacing": 1, "bbox": {"fc": "white", "ec": "none", "pad": 0.5}}
+            font = {"fontsize": SMALL, "linespacing": 1, "bbox": {"fc": "white", "ec": "none", "pad": 0.5}}
             ax.text(x + at * (below - x), y - at * drop, child.edge, ha="center", va="center", zorder=1.5, **font)
     if arcs and node.kind == "s" and xs:
         low, high = (np.degrees(np.arctan2(-drop, end - x)) for end in (xs[0], xs[-1]))
@@ -95,92 +100,101 @@ def _draw_node(ax, node, left, y, step, drop, radius, arcs):
         )
         ax.text(x - radius - 0.2, y + 0.3, "max", color=PALETTE["vermillion"], fontsize=13, ha="right")
     face = PALETTE["black"] if node.kind == "a" else "white"
-    circle(ax, (x, y), node.text, radius=radius, face=face, edge=PALETTE["black"], fontsize=12.5)
+    circle(ax, (x, y), node.text, radius=radius, face=face, edge=PALETTE["black"], fontsize=SMALL)
     if node.name:
         if node.children:
-            ax.text(x + radius + 0.15, y + 0.1, node.name, fontsize=12.5)
+            ax.text(x + radius + 0.15, y + 0.1, node.name, fontsize=SMALL)
         else:
-            ax.text(x, y - radius - 0.12, node.name, ha="center", va="top", fontsize=12.5)
+            ax.text(x, y - radius - 0.12, node.name, ha="center", va="top", fontsize=SMALL)
     return x
 
 
 # ---------------------------------------------------------------------- golf, and curves
 
 
-def golf(panels, shape, *, hole, tee, sand=()):
+def golf(panels: Curves, shape: Cell, *, hole: Cell, tee: Cell, sand: Iterable[Cell] = ()) -> Figure:
     """Values of every cell of a golf hole, one panel above the other in the same colours. fig-5
 
     panels: {title: (S,)}; values are rounded up to whole strokes. sand: cells drawn in grey where the value is -inf.
     """
-    fig, axes = new_figure(len(panels), 1, width=6.4, height=0.5 + 2.5 * len(panels), squeeze=False)
+    fig, axes = new_figure(len(panels), 1, height=0.5 + 2.3 * len(panels), squeeze=False)
     colours = ListedColormap(["#f7fcb9", "#d9f0a3", "#addd8e", "#78c679", "#41ab5d", "#238443", "#005a32"][::-1])
     colours = colours.with_extremes(bad="#8c8c8c")
     for ax, (title, values) in zip(axes[:, 0], panels.items()):
         strokes = np.where(np.isfinite(values), np.floor(np.asarray(values) + 1e-6), np.nan).reshape(shape)
         norm = BoundaryNorm(np.arange(-6.5, 1), 7)
         image = ax.imshow(np.ma.masked_invalid(strokes), cmap=colours, norm=norm, interpolation="nearest")
-        for name, (row, col) in (("hole", hole), ("tee", tee)):
-            ax.plot(col, row, "o", color="white", ms=9, mec="black", mew=1.8)
-            ax.annotate(name, (col, row - 1.1), ha="center", fontsize=13, weight="bold")
-        for row, col in sand:
-            if not np.isfinite(strokes[row, col]):
-                ax.text(col, row, "$-\\infty$", ha="center", va="center", fontsize=9, color="white")
+        _mark(ax, hole=hole, tee=tee)
+        if any(not np.isfinite(strokes[cell]) for cell in sand):
+            grey = ax.add_patch(Rectangle((0, 0), 0, 0, fc="#8c8c8c"))
+            ax.legend([grey], ["sand: −∞"], loc="lower left", borderpad=0.3)
         ax.set(title=title, xticks=[], yticks=[])
         ax.grid(False)
-        bar = fig.colorbar(image, ax=ax, ticks=np.arange(-6, 1), fraction=0.05, pad=0.02)
-        bar.set_label("strokes left (negative)", fontsize=11)
+    bar = fig.colorbar(image, ax=axes, ticks=np.arange(-6, 1), fraction=0.06, pad=0.02)
+    bar.set_label("value: strokes left, negative")
     return fig
+
+
+def _mark(ax, **places):
+    """A dot and a name on a white ground for each place (row, column)."""
+    for name, (row, col) in places.items():
+        ax.plot(col, row, "o", color="white", ms=9, mec="black", mew=1.8)
+        ground = {"fc": "white", "ec": "none", "pad": 0.6, "alpha": 0.85}
+        side = "left" if col < 2 else "center"
+        at = (col - 0.5 * (col < 2), row + 1.7)
+        ax.annotate(name, at, ha=side, va="center", fontsize=SMALL, bbox=ground)
 
 
 def best_clubs(putter, driver, shape, *, hole, tee, sand=()):
     """The best club of every cell; putter, driver: (S,), values of playing that club first. fig-5, ex-golf-driver"""
-    fig, ax = new_figure(width=6.4, height=3.2)
+    fig, ax = new_figure(height=3.2)
     gap = np.asarray(putter) - driver
     club = np.where(np.abs(gap) < 1e-6, 1, np.where(gap > 0, 2, 0)).reshape(shape)
     colours = ListedColormap([PALETTE["blue"], "#c9d3dc", "#f2c14e"])
     ax.imshow(club, cmap=colours, vmin=-0.5, vmax=2.5, interpolation="nearest")
-    for r, c in sand:
-        ax.text(c, r, "s", ha="center", va="center", fontsize=11, color=text_colour(colours(int(club[r, c]))))
-    for name, (row, col) in (("hole", hole), ("tee", tee)):
-        ax.plot(col, row, "o", color="white", ms=9, mec="black", mew=1.8)
-        ground = {"fc": "white", "ec": "none", "pad": 0.6}
-        ax.annotate(name, (col, row + 1.4), ha="center", va="center", fontsize=12, bbox=ground)
-    for colour, name in zip(colours.colors, ("driver", "either", "putter")):
-        ax.plot([], [], "s", color=colour, ms=11, label=name)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=3, frameon=False)
+    for row, col in sand:
+        cell = Rectangle((col - 0.5, row - 0.5), 1, 1, fill=False, ec="white", lw=0, hatch="xxxx")
+        ax.add_patch(cell)
+    _mark(ax, hole=hole, tee=tee)
+    keys = [Rectangle((0, 0), 1, 1, fc=colour) for colour in colours.colors]
+    names = ["driver", "either", "putter"]
+    if len(sand):
+        keys.append(Rectangle((0, 0), 1, 1, fc=PALETTE["grey"], ec="white", lw=0, hatch="xxxx"))
+        names.append("sand")
+    ax.legend(keys, names, loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=4, frameon=False, handlelength=1)
     ax.set(title=f"best play is worth {max(putter[i := tee[0] * shape[1] + tee[1]], driver[i]):.2f} from the tee")
     ax.set(xticks=[], yticks=[])
     ax.grid(False)
     return fig
 
 
-def visits_and_errors(runs):
+def visits_and_errors(runs: Curves) -> Figure:
     """Error of each action value against how often it was updated; runs: {label: (visits (n,), errors (n,))}. cl-022"""
     fig, ax = new_figure()
-    for (label, (visits, errors)), mark in zip(runs.items(), "os^"):
-        ax.plot(visits, errors, mark, ms=5, alpha=0.6, label=label)
+    for (label, (visits, errors)), mark, style in zip(runs.items(), "os^", styles(runs).values()):
+        ax.plot(visits, errors, mark, ms=5, alpha=0.6, label=label, color=style["color"])
     ax.set(xlabel="updates of the pair", ylabel="$|Q - q_*|$", xscale="symlog")
     ax.legend()
     return fig
 
 
-def staircase(exact, runs):
+def staircase(exact: ArrayLike, runs: Curves) -> Figure:
     """Learned values of a long walk beside the exact ones; runs: {label: (n_runs, S)}. ex-tabular"""
     fig, ax = new_figure()
     x = np.arange(exact.size)
     ax.plot(x, exact, color=PALETTE["black"], ls="-", lw=1.4, label="exact")
-    for (label, values), colour in zip(runs.items(), ("vermillion", "blue")):
-        band(ax, x, values.mean(axis=0), values.std(axis=0), label, color=PALETTE[colour])
+    for (label, values), style in zip(runs.items(), styles(runs).values()):
+        band(ax, x, values.mean(axis=0), values.std(axis=0), label, **style)
     ax.set(xlabel="state", ylabel="value")
     ax.legend()
     return fig
 
 
-def bands(curves, *, xlabel, ylabel, log_y=False, log_x=False):
+def bands(curves: Curves, *, xlabel: str, ylabel: str, log_y: bool = False, log_x: bool = False) -> Figure:
     """Mean and spread (one standard deviation over runs) of curves {label: (x, (n_runs, n))}. ex-tabular, cl-022"""
     fig, ax = new_figure()
-    for label, (x, values) in curves.items():
-        band(ax, x, values.mean(axis=0), values.std(axis=0), label)
+    for (label, (x, values)), style in zip(curves.items(), styles(curves).values()):
+        band(ax, x, values.mean(axis=0), values.std(axis=0), label, **style)
     ax.set(xlabel=xlabel, ylabel=ylabel)
     if log_y:
         ax.set_yscale("log")

@@ -1,34 +1,39 @@
 """Figures of chapter 3: models, planning in them, and what learns without them."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import PowerNorm
+from matplotlib.colors import LogNorm
 
-from rlcore.plots.style import PALETTE, arrow, band, box, heatmap, new_diagram, new_figure
+from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, heatmap, new_diagram, new_figure, styles
 
 BLUE, RED, GREEN, GREY, PALE = (PALETTE[c] for c in ("blue", "vermillion", "green", "grey", "light"))
-# Figure 10: group -> leaves (method, function, section of the document).
+# Figure 10: group -> leaves (method, function, chapter).
 FAMILY = {
     "model given": [
-        ("policy evaluation", "rlcore.dp.policy_evaluation", "3.6"),
-        ("policy iteration", "rlcore.dp.policy_iteration", "3.6"),
-        ("value iteration", "rlcore.dp.value_iteration", "3.6"),
+        ("policy evaluation", "rlcore.dp.policy_evaluation", "3"),
+        ("policy iteration", "rlcore.dp.policy_iteration", "3"),
+        ("value iteration", "rlcore.dp.value_iteration", "3"),
     ],
     "model learned": [
-        ("certainty equivalence", "rlcore.planning.certainty_equivalent_control", "3.2"),
-        ("Dyna-Q", "rlcore.planning.dyna_q", "3.2"),
-        ("random shooting", "rlcore.mpc.random_shooting", "3.2"),
+        ("certainty equivalence", "rlcore.planning.certainty_equivalent_control", "3"),
+        ("Dyna-Q", "rlcore.planning.dyna_q", "3"),
+        ("random shooting", "rlcore.mpc.random_shooting", "3"),
     ],
     "model-free, by values": [
-        ("Monte Carlo", "rlcore.monte_carlo.mc_prediction", "4.1"),
-        ("TD(0)", "rlcore.td.td0", "4.1"),
-        ("SARSA", "rlcore.td.sarsa", "4.2"),
-        ("Q-learning", "rlcore.td.q_learning", "4.3"),
-        ("traces", "rlcore.traces.td_lambda", "4.4"),
+        ("Monte Carlo", "rlcore.monte_carlo.mc_prediction", "4"),
+        ("TD(0)", "rlcore.td.td0", "4"),
+        ("SARSA", "rlcore.td.sarsa", "4"),
+        ("Q-learning", "rlcore.td.q_learning", "4"),
+        ("traces", "rlcore.traces.td_lambda", "5"),
     ],
     "model-free, by policies": [
-        ("REINFORCE", "rlcore.studies.ch03.reinforce_linear", "6"),
+        ("REINFORCE", "rlcore.studies.ch03.reinforce_linear", "7"),
         ("actor-critic", "rlcore.actor_critic.actor_critic", "7"),
         ("TRPO", "rlcore.trpo.trpo", "8"),
         ("PPO", "rlcore.ppo.ppo", "8"),
@@ -36,12 +41,14 @@ FAMILY = {
 }
 
 
-def loop_diagram(labels=("act", "store (s, a, r, s')", "fit the model", "plan in the model")):
+def loop_diagram(
+    labels: Sequence[Any] = ("act", "store (s, a, r, s')", "fit the model", "plan in the model"),
+) -> Figure:
     """Four boxes in a circle: what a method does in turn. fig-7, fig-12"""
     fig, ax = new_diagram((0, 10), (0, 5))
     places = [(2.3, 4), (7.7, 4), (7.7, 1), (2.3, 1)]
     for place, label, face in zip(places, labels, (PALE, PALE, BLUE, BLUE)):
-        box(ax, place, label, width=4.2, height=1.3, face=face, fontsize=13)
+        box(ax, place, label, width=4.2, height=1.3, face=face, fontsize=SMALL)
     for start, end in (
         ((4.4, 4), (5.6, 4)),
         ((7.7, 3.35), (7.7, 1.65)),
@@ -52,12 +59,12 @@ def loop_diagram(labels=("act", "store (s, a, r, s')", "fit the model", "plan in
     return fig
 
 
-def prediction_errors(real, predicted, k):
+def prediction_errors(real: ArrayLike, predicted: ArrayLike, k: int) -> Figure:
     """Angular velocity of the pole k steps ahead, real against predicted, and how the error grows. fig-7
 
     real, predicted: (T + 1, n, 4) states of the same n runs under the same actions.
     """
-    fig, (left, right) = new_figure(1, 2, width=6.6, height=3.3)
+    fig, (left, right) = new_figure(1, 2, height=3.3)
     spin = np.degrees(np.stack([real, predicted])[..., 3])
     ends = [spin[0].min(), spin[0].max()]
     left.plot(ends, ends, color=GREY, ls="-", lw=1.2)
@@ -73,7 +80,7 @@ def prediction_errors(real, predicted, k):
     return fig
 
 
-def trajectory_factors(mdp, pi, states, actions):
+def trajectory_factors(mdp: FiniteMDP, pi: ArrayLike, states: ArrayLike, actions: ArrayLike) -> Figure:
     """The factors of one trajectory's probability, in order; policy and dynamics in two colours. fig-8"""
     P = mdp.transition_probs()
     factors = [(r"$p(s_1)$", mdp.start[states[0]], PALE)]
@@ -81,14 +88,16 @@ def trajectory_factors(mdp, pi, states, actions):
         factors.append((rf"$\pi(a_{t}|s_{t})$", pi[s, a], BLUE))
         if t < len(states):
             factors.append((rf"$p(s_{t + 1}|s_{t},a_{t})$", P[s, a, states[t]], RED))
-    fig, ax = new_diagram((0, 12), (0, 3.6), width=7)
+    fig, ax = new_diagram((0, 12), (0, 3.6))
     for i, (name, value, face) in enumerate(factors):
         place = (1.5 + 3 * (i % 4), 2.7 if i < 4 else 0.9)
-        box(ax, place, f"{name}\n{value:g}", width=2.7, height=1.4, face=face, fontsize=13)
+        box(ax, place, f"{name}\n{value:g}", width=2.7, height=1.4, face=face, fontsize=SMALL)
     return fig
 
 
-def trajectory_bars(states, actions, prob, totals, expected):
+def trajectory_bars(
+    states: ArrayLike, actions: ArrayLike, prob: ArrayLike, totals: ArrayLike, expected: ArrayLike
+) -> Figure:
     """Probability of every possible trajectory, ordered by its sum of rewards, and the expected sum. fig-8"""
     order = np.lexsort((np.arange(prob.size), totals))
     order = order[states[order, 0] == 0]  # those that begin in the start state
@@ -102,47 +111,57 @@ def trajectory_bars(states, actions, prob, totals, expected):
 
 
 def model_and_policy(mdp, pi, a):
-    """p(s'|s, a) for each action, action a in front, beside pi(a|s). fig-9"""
-    P, A = mdp.transition_probs(), mdp.n_actions
-    fig, axes = new_figure(1, A + 1, width=7.4, height=2.9, width_ratios=[2] * A + [2.6])
-    for b, ax in enumerate(axes[:-1]):
-        rows = np.where(mdp.legal[:, [b]], P[:, b], np.nan)
-        heatmap(ax, rows, fmt="{:.1f}", vmin=0, vmax=1, fontsize=14 if b == a else 11)
+    """p(s'|s, a) for each action, action a in front; below pi(a|s), and P_pi, the model under the policy. fig-9"""
+    P, A, names = mdp.transition_probs(), mdp.n_actions, mdp.state_names
+    fig, axes = new_figure(2, A, height=4.6)
+    for b, ax in enumerate(axes[0]):
+        heatmap(ax, np.where(mdp.legal[:, [b]], P[:, b], np.nan), fmt="{:.1f}", vmin=0, vmax=1)
         ax.set_title(mdp.action_names[b], color=RED if b == a else GREY, fontweight="bold" if b == a else "normal")
-        ax.set(xticks=range(2), xticklabels=mdp.state_names, xlabel="next state")
         ax.patch.set_alpha(0)
         for side in ax.spines.values():
             side.set(visible=b == a, color=RED, linewidth=3)
-    axes[0].set(yticks=range(2), yticklabels=mdp.state_names, ylabel="state")
-    heatmap(axes[-1], np.where(mdp.legal, pi, np.nan), fmt="{:.2f}", vmin=0, vmax=1)
-    axes[-1].set(xticks=range(A), title="policy")
-    axes[-1].set_xticklabels(mdp.action_names, rotation=30, ha="right", fontsize=11)
+    heatmap(axes[1, 0], np.where(mdp.legal, pi, np.nan).T, fmt="{:.2f}", vmin=0, vmax=1)
+    axes[1, 0].set(title="policy π", yticks=range(A), yticklabels=mdp.action_names, xlabel="state")
+    heatmap(axes[1, -1], np.einsum("sa,saz->sz", pi, P), fmt="{:.2f}", vmin=0, vmax=1)
+    axes[1, -1].set(title="$P_π$", yticks=range(len(names)), yticklabels=names)
+    for ax in axes[1, 1:-1]:
+        ax.axis("off")
+    axes[1, A // 2].text(
+        0.35, 0.5, "Σ π(a|s) p(s'|s, a)\n⟶", transform=axes[1, A // 2].transAxes, ha="center", va="center"
+    )
+    axes[0, 0].set(yticks=range(len(names)), yticklabels=names, ylabel="state")
+    for ax in (*axes[0], axes[1, 0], axes[1, -1]):
+        ax.set(xticks=range(len(names)), xticklabels=names)
+        ax.tick_params(length=0)
+    for ax in (*axes[0], axes[1, -1]):
+        ax.set_xlabel("next state")
     return fig
 
 
 def family_tree(leaf=None):
-    """Methods of the book by what they know and what they learn; dashed: still to come. fig-10
+    """Methods of the book by what they know and what they learn. fig-10
 
-    leaf: the method whose section and function are written below.
+    leaf: the method whose chapter and function are written below.
     """
-    fig, ax = new_diagram((0, 12), (-1.2, 10.7), width=7)
-    y, note = 10.2, "choose a method"
+    fig, ax = new_diagram((0, 12), (-0.9, 10.6), height=5.4)
+    ax.set_aspect("auto")
+    y, note = 10.2, ""
     for group, leaves in FAMILY.items():
         middle = y - 0.66 * (len(leaves) - 1) / 2
-        box(ax, (2.6, middle), group, width=5.0, height=0.75, face=PALE, fontsize=12)
-        for name, function, section in leaves:
+        box(ax, (2.6, middle), group, width=5.0, height=0.8, face=PALE, fontsize=SMALL)
+        for name, function, chapter in leaves:
             chosen = name == leaf
             ax.plot([5.1, 6.6], [middle, y], color=GREY, ls="-", lw=1.2, zorder=0)
-            box(ax, (9.1, y), name, width=5.0, height=0.58, face=BLUE if chosen else "white", fontsize=12)
+            box(ax, (9.1, y), name, width=5.0, height=0.6, face=BLUE if chosen else "white", fontsize=SMALL)
             if chosen:
-                note = f"section {section}: {function}"
+                note = f"chapter {chapter}: {function}"
             y -= 0.66
         y -= 0.25
-    ax.text(6, -0.75, note, ha="center", va="center", fontsize=12, color=BLUE)
+    ax.text(6, -0.5, note, ha="center", va="center", fontsize=SMALL, color=BLUE)
     return fig
 
 
-def descent_path(C, path, epsilon, ax=None):
+def descent_path(C: Callable[[Floats], ArrayLike], path: ArrayLike, epsilon: float, ax: Axes | None = None) -> Figure:
     """Points of gradient descent on the curve C. fig-11"""
     fig, ax = (None, ax) if ax is not None else new_figure()
     v = np.linspace(-3, 3, 101)
@@ -156,9 +175,9 @@ def descent_path(C, path, epsilon, ax=None):
     return fig
 
 
-def descent_panels(C, paths):
+def descent_panels(C: Callable[[Floats], ArrayLike], paths: Curves) -> Figure:
     """Several learning rates side by side; paths: {epsilon: path}. fig-11"""
-    fig, axes = new_figure(2, 2, width=7, height=5.2, sharex=True, sharey=True)
+    fig, axes = new_figure(2, 2, height=5.2, sharex=True, sharey=True)
     for ax, (epsilon, path) in zip(axes.flat, paths.items()):
         descent_path(C, path, epsilon, ax)
     for ax in axes.flat:
@@ -166,22 +185,29 @@ def descent_panels(C, paths):
     return fig
 
 
-Q_CMAP, Q_NORM = mpl.colormaps["YlGnBu"], PowerNorm(0.5, 0, 1)  # a root scale, so that the first small values show
+# A logarithmic scale, so that the first small values show; white: still 0
+Q_CMAP, Q_NORM = mpl.colormaps["YlGnBu"].resampled(256), LogNorm(1e-4, 1)
+Q_CMAP = mpl.colors.ListedColormap(Q_CMAP(np.linspace(0.2, 1, 256))).with_extremes(under="white", bad="white")
 
 
-def q_table(Q, mdp, shape, *, flash=None, title="", ax=None):
+def q_table(Q, mdp, shape, *, flash=None, old=None, title="", ax=None):
     """A Q-table of a maze: each cell in four triangles, one an action (up, down, right, left). fig-12
 
-    Q: (S, 4), drawn on a scale from 0 to 1. shape: rows and columns. flash: (s, a), drawn in red. Walls are grey, S is
-    the start, G the goal.
+    Q: (S, 4), drawn on a logarithmic scale up to 1. shape: rows and columns. flash: (s, a), drawn in red, its value
+    below, and what it was before where `old` says so. Walls are grey, S is the start, G the goal.
     """
-    fig, ax = (ax.figure, ax) if ax is not None else new_figure(width=6.4, height=4.3)
+    fig, ax = (ax.figure, ax) if ax is not None else new_figure(height=4.3)
     side = np.arange(24) - 11.5
     across, down = np.meshgrid(side, side)
     action = np.where(np.abs(across) > np.abs(down), np.where(across > 0, 2, 3), np.where(down < 0, 0, 1))
-    colour = Q_CMAP(Q_NORM(Q))[..., :3]
+    colour = Q_CMAP(Q_NORM(np.where(Q > 0, Q, np.nan)).filled(-1))[..., :3]
     if flash is not None:
         colour[flash] = mpl.colors.to_rgb(RED)
+        s, a = flash
+        change = f"{Q[flash]:.3g}" if old is None else f"{old:.3g} → {Q[flash]:.3g}"
+        ax.set_xlabel(
+            f"Q(row {s // shape[1] + 1}, column {s % shape[1] + 1}; {mdp.action_names[a]}) = {change}", color=RED
+        )
     wall = (mdp.next_state == np.arange(mdp.n_states)[:, None, None]).all(axis=(1, 2)) & ~mdp.terminal
     cells = np.where(wall[:, None, None, None], 0.6, colour[:, action])
     lines = (np.abs(across) == np.abs(down)) | (np.abs(across) == 11.5) | (np.abs(down) == 11.5)
@@ -196,41 +222,65 @@ def q_table(Q, mdp, shape, *, flash=None, title="", ax=None):
     return fig
 
 
-def q_tables(history, episodes, mdp, shape):
+def q_tables(history: ArrayLike, episodes: Sequence[int], mdp: FiniteMDP, shape: Cell) -> Figure:
     """The Q-table after several numbers of episodes. fig-12"""
-    fig, axes = new_figure(2, 2, width=7.2, height=5.2)
+    fig, axes = new_figure(2, 2, height=4.2)
     for ax, k in zip(axes.flat, episodes):
         word = "episode" if k == 1 else "episodes"
         q_table(history[k], mdp, shape, title=f"after {k} {word}", ax=ax)
-    fig.colorbar(ScalarMappable(Q_NORM, Q_CMAP), ax=axes, shrink=0.8, label="Q(s, a)")
+    fig.colorbar(ScalarMappable(Q_NORM, Q_CMAP), ax=axes, shrink=0.8, label="Q(s, a); white: 0")
     return fig
 
 
-def learning_curves(lengths, *, ylabel="steps per episode", log=True, ylim=None, x=None, xlabel="episode"):
+def learning_curves(
+    lengths: Curves, *, ylabel: str = "steps per episode", log: bool = True, ylim: Point | None = None,
+    x: ArrayLike | None = None, xlabel: str = "episode",
+) -> Figure:  # fmt: skip
     """Mean over runs with the middle half of the runs; lengths: {label: (n_runs, n)}."""
     fig, ax = new_figure()
-    for label, values in lengths.items():
+    for (label, values), style in zip(lengths.items(), styles(lengths).values()):
         values = np.asarray(values, float)
         at = np.arange(1, values.shape[1] + 1) if x is None else x
-        band(ax, at, values.mean(axis=0), np.percentile(values, [25, 75], axis=0), label)
+        band(ax, at, values.mean(axis=0), np.percentile(values, [25, 75], axis=0), label, **style)
     ax.set(xlabel=xlabel, ylabel=ylabel, yscale="log" if log else "linear", ylim=ylim)
     ax.legend()
     return fig
 
 
 def decay(errors, *, xlabel, ylabel, reference=None, log_x=True):
-    """Errors {label: (x, y)} on log axes, with a reference line {label: (x, y)} in grey. alg-model-learning, fig-13"""
+    """Errors {label: (x, y)} on log axes, with a reference line {label: (x, y)} in grey. alg-model-learning, fig-13
+
+    log_x=False: linear; from 0 to 1 linear, then logarithmic, where one curve has ten times as many points as another.
+    An error that is only rounding (below 1e-11 of the largest) is drawn as "exact" at the foot.
+    """
     fig, ax = new_figure()
-    for label, (x, y) in errors.items():
-        ax.plot(x, y, label=label)
+    curves = {label: (np.asarray(x, float), np.asarray(y, float)) for label, (x, y) in errors.items()}
+    largest = max(y.max() for _, y in curves.values())
+    lowest = min(y[y > 1e-11 * largest].min() for _, y in curves.values())
+    foot = 10.0 ** np.floor(np.log10(lowest) - 0.5)
+    sizes = [x.size for x, _ in curves.values()]
+    for (label, (x, y)), style in zip(curves.items(), styles(curves).values()):
+        exact = y <= 1e-11 * largest
+        style |= {"marker": "o", "ms": 6} if x.size <= 8 else {}
+        ax.plot(x, np.where(exact, foot, y), label=label, **style)
+        for at in x[exact]:
+            ax.annotate("exact", (at, foot), (8, 4), textcoords="offset points", color=style["color"])
     for label, (x, y) in (reference or {}).items():
         ax.plot(x, y, color=GREY, ls="-", lw=1.2, label=label)
     ax.set(xlabel=xlabel, ylabel=ylabel, yscale="log", xscale="log" if log_x else "linear")
+    if not log_x and max(sizes) > 10 * min(sizes):
+        ax.set_xscale("symlog", linthresh=1)
+        ticks = [
+            t for t in (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if t <= max(x[-1] for x, _ in curves.values())
+        ]
+        ax.set_xticks(ticks, [str(t) for t in ticks])
+        ax.minorticks_off()
+        ax.set_xlim(-0.1, 1.1 * max(x[-1] for x, _ in curves.values()))
     ax.legend()
     return fig
 
 
-def cart_pole_costs(run_lengths, n_fit):
+def cart_pole_costs(run_lengths: Curves, n_fit: int) -> Figure:
     """Length of each REINFORCE episode against the transitions used so far, one line a seed. ex-model-based"""
     fig, ax = new_figure()
     for lengths in run_lengths:
@@ -244,21 +294,21 @@ def cart_pole_costs(run_lengths, n_fit):
     return fig
 
 
-def rewards_over_time(curves, change):
+def rewards_over_time(curves: Curves, change: float) -> Figure:
     """Cumulative reward against real steps, with the change marked; curves: {label: (n_runs, n)}. ex-model-wrong"""
     fig, ax = new_figure()
-    for label, values in curves.items():
+    for (label, values), style in zip(curves.items(), styles(curves).values()):
         values = np.asarray(values, float)
         x = np.linspace(0, 3000, values.shape[1])
-        band(ax, x, values.mean(axis=0), np.percentile(values, [25, 75], axis=0), label)
+        band(ax, x, values.mean(axis=0), np.percentile(values, [25, 75], axis=0), label, **style)
     ax.axvline(change, color=GREY, ls="-", lw=1.2)
-    ax.text(change + 40, 0, "the passage moves", color=GREY)
+    ax.text(change + 40, 0, "the passage moves", color=GREY, fontsize=SMALL)
     ax.set(xlabel="real steps", ylabel="rewards so far")
     ax.legend(loc="upper left")
     return fig
 
 
-def spread_by_setting(x, values, *, xlabel, ylabel):
+def spread_by_setting(x: ArrayLike, values: ArrayLike, *, xlabel: str, ylabel: str) -> Figure:
     """Mean and spread over runs at each setting; values: (n_settings, n_runs). ex-explore"""
     fig, ax = new_figure()
     band(ax, range(len(x)), np.mean(values, axis=1), np.percentile(values, [25, 75], axis=1), "", marker="o")
@@ -266,27 +316,37 @@ def spread_by_setting(x, values, *, xlabel, ylabel):
     return fig
 
 
-def sweep_values(V, shape, title):
+def sweep_values(V: ArrayLike, shape: Cell, title: str) -> Figure:
     """Values of a grid after some sweeps. alg-policy-evaluation"""
-    fig, ax = new_figure(width=4.6, height=4.2)
-    heatmap(ax, V.reshape(shape), fmt="{:.2f}", vmin=-22, vmax=0, fontsize=13)
+    fig, ax = new_figure(height=4.2)
+    heatmap(ax, V.reshape(shape), fmt="{:.2f}", vmin=-22, vmax=0)
     ax.set_title(title)
     return fig
 
 
 def value_iteration_progress(V, shape, errors, gamma, k):
-    """Left: V_k of a grid. Right: error of V_k on the random process, against the bound gamma^k. fig-13
+    """Left: V_k of a grid. Right: another problem, the random process: its error, along the bound gamma^k. fig-13
 
     errors: (n,) largest error after 0, 1, ... sweeps.
     """
-    fig, (left, right) = new_figure(1, 2, width=7, height=3.4, width_ratios=[1, 1.25])
+    fig, (left, right) = new_figure(1, 2, height=3.3, width_ratios=[1, 1.15])
     heatmap(left, V.reshape(shape), fmt="{:.2f}", vmin=-3, vmax=0)
-    left.set_title(f"$V_{{{k}}}$, $\\gamma$ = {gamma:g}")
+    left.set_title(f"grid: $V_{{{k}}}$, $\\gamma$ = {gamma:g}")
     x = np.arange(min(errors.size, 101))
-    right.plot(x, gamma**x * errors[0], color=GREY, ls="-", lw=1.2, label=r"bound $\gamma^k$")
-    right.plot(x, errors[: x.size], color=BLUE, label="error")
-    right.plot([k], [errors[k]], "o", color=RED, ms=9) if k < errors.size else None
-    right.set(yscale="log", ylim=(1e-9, 100), xlim=(-2, 102), xlabel="sweeps k", ylabel="largest error")
+    right.plot(x, gamma**x * errors[0], color=RED, ls="-", lw=7, alpha=0.35, label=r"bound $\gamma^k$")
+    right.plot(x, errors[: x.size], color=BLUE, ls="-", lw=1.6, label="error")
+    if k < errors.size:
+        right.plot([k], [errors[k]], "o", color=BLUE, ms=9)
+        right.annotate(
+            f"{errors[k]:.2g}",
+            (k, errors[k]),
+            (4, 9),
+            textcoords="offset points",
+            color=BLUE,
+            ha="left" if k < 50 else "right",
+        )
+    right.set(yscale="log", ylim=(1e-9, 1e4), xlim=(-4, 104), xlabel="sweeps k", ylabel="largest error")
+    right.set_title("random process")
     right.minorticks_off()
-    right.legend(loc="lower left" if gamma > 0.6 else "upper right")
+    right.legend(loc="lower left" if gamma > 0.6 else "upper right", handlelength=1.4)
     return fig

@@ -1,13 +1,19 @@
 """Figures of chapter 4: temporal differences."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from matplotlib.patches import Rectangle
 
-from rlcore.plots.style import PALETTE, arrow, band, box, circle, heatmap, new_diagram, new_figure
+from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, circle, new_diagram, new_figure, styles
 
-BLUE, RED, GREY, GREEN = (PALETTE[name] for name in ("blue", "vermillion", "grey", "green"))
+BLUE, RED, GREY = (PALETTE[name] for name in ("blue", "vermillion", "grey"))
 
 
-def predictions(elapsed, predicted, targets, alpha, title):
+def predictions(elapsed: ArrayLike, predicted: ArrayLike, targets: Sequence[Any], alpha: float, title: str) -> Figure:
     """Predicted totals of a journey along its time, and what each is moved to. fig-14, fig-15, table-driving
 
     elapsed, predicted, targets: (n,) minutes. Each prediction moves the fraction alpha of the way to its target.
@@ -31,142 +37,170 @@ def predictions(elapsed, predicted, targets, alpha, title):
 
 
 def walk_graph(n, right, states=(), names=None):
-    """The random walk as a graph, and the states of one episode in red with the order of visits. fig-16
+    """The random walk as a graph, and below it the walk of one episode, downwards in time. fig-16
 
     right: probability of a step to the right. states: the states met, 0 and n + 1 being the ends.
     """
     names = names or [chr(ord("A") + i) for i in range(n)]
-    fig, ax = new_diagram((-0.7, n + 1.7), (-1.1, 1.1), width=7.2)
-    last = {s: i for i, s in enumerate(states)}
+    last = len(states) - 1
+    step = min(0.45, 5.0 / max(last, 1))
+    foot = -1.2 - step * max(last, 0) - 0.75 if len(states) else -0.6
+    fig, ax = new_diagram((-0.9, n + 1.9), (foot, 1.35))
     for s in range(n + 2):
         if s in (0, n + 1):
-            box(ax, (s, 0), "", width=0.45, height=0.45, face="#d9d9d9", edge=RED if s in last else PALETTE["black"])
+            box(ax, (s, 0), "", width=0.5, height=0.5, face="#D9D9D9")
         else:
-            circle(ax, (s, 0), names[s - 1], radius=0.3, edge=RED if s in last else PALETTE["black"], fontsize=13)
-        if s in last:
-            ax.text(s, -0.6, f"t = {last[s]}", ha="center", color=RED, fontsize=11)
+            circle(ax, (s, 0), names[s - 1], radius=0.32, fontsize=SMALL)
+        if len(states):
+            ax.plot([s, s], [-0.45, foot + 0.3], color="#D9D9D9", ls="-", lw=1, zorder=0)
     for s in range(1, n + 1):
-        arrow(ax, (s + 0.28, 0.12), (s + 0.72, 0.12), colour=GREY)
-        arrow(ax, (s - 0.28, -0.12), (s - 0.72, -0.12), colour=GREY)
-    ax.text((n + 1) / 2, 0.8, f"right with probability {right:g}, left {1 - right:g}", ha="center", fontsize=12)
-    ax.text(n + 1, 0.45, "+1", ha="center", fontsize=12)
-    ax.text(0, 0.45, "0", ha="center", fontsize=12)
+        arrow(ax, (s + 0.3, 0.14), (s + 0.72, 0.14), colour=GREY)
+        arrow(ax, (s - 0.3, -0.14), (s - 0.72, -0.14), colour=GREY)
+    ax.text((n + 1) / 2, 0.85, f"right with probability {right:g}, left {1 - right:g}", ha="center", fontsize=SMALL)
+    ax.text(n + 1, 0.45, "+1", ha="center", fontsize=SMALL)
+    ax.text(0, 0.45, "0", ha="center", fontsize=SMALL)
+    if len(states):
+        down = -1.2 - step * np.arange(len(states))
+        ax.plot(states, down, "o-", color=RED, lw=2, ms=5)
+        ax.text(states[0] + 0.15, down[0] + 0.2, "t = 0", color=RED, fontsize=SMALL, ha="left", va="bottom")
+        ax.text(states[-1], down[-1] - 0.2, f"t = {last}", color=RED, fontsize=SMALL, ha="center", va="top")
     return fig
 
 
 def error_curves(curves, *, ylabel="RMS error over the states", xlabel="episodes", ylim=(0, 0.26), height=4.4):
-    """Mean over runs with its standard error; curves: {label: (n_runs, n + 1)}. fig-17, fig-18
-
-    A label that starts with "MC" is drawn broken.
-    """
+    """Mean over runs with its standard error; curves: {label: (n_runs, n + 1)}. fig-17, fig-18"""
     fig, ax = new_figure(height=height)
-    count = {"MC": 0, "TD": 0}
-    for label, values in curves.items():
-        kind = "MC" if label.startswith("MC") else "TD"
-        shades = ("vermillion", "ochre", "purple", "grey") if kind == "MC" else ("blue", "green", "black", "grey")
+    for (label, values), style in zip(curves.items(), styles(curves).values()):
         mean, error = values.mean(axis=0), values.std(axis=0) / np.sqrt(len(values))
-        style = {"color": PALETTE[shades[count[kind] % 4]], "ls": "--" if kind == "MC" else "-"}
         band(ax, np.arange(mean.size), mean, error, label, **style)
-        count[kind] += 1
     ax.set(xlabel=xlabel, ylabel=ylabel, ylim=ylim)
     ax.legend(ncols=2)
     return fig
 
 
-def estimates_against_truth(truth, estimates, title):
+def estimates_against_truth(truth: ArrayLike, estimates: Curves, title: str) -> Figure:
     """Estimates of several methods beside the true values; estimates: {label: (S,)}. fig-18"""
     fig, ax = new_figure(height=3.8)
     x = np.arange(1, truth.size + 1)
     ax.plot(x, truth, color=PALETTE["black"], ls="-", lw=1.4, label="true")
-    for (label, values), mark, colour in zip(estimates.items(), "so", (BLUE, RED)):
-        ax.plot(x, values, mark, color=colour, ms=8, label=label)
+    for (label, values), mark, style in zip(estimates.items(), "so^", styles(estimates).values()):
+        ax.plot(x, values, mark, color=style["color"], ms=8, label=label)
     names = [chr(ord("A") + i) for i in range(truth.size)]
     ax.set(xticks=x, xticklabels=names, ylim=(-0.05, 1.05), ylabel="value", title=title)
     ax.legend()
     return fig
 
 
-def predictor_graph(p_b, p_one, values):
+def predictor_graph(p_b: float, p_one: float, values: ArrayLike) -> Figure:
     """Most likely model of the predictor's episodes: A leads to B, B ends with 1 or 0. fig-19
 
     p_b: share of A's transitions that go to B. p_one: share of B's ends with reward 1. values: {label: (V(A), V(B))}.
     """
-    fig, ax = new_diagram((-0.9, 8.2), (-2.3, 1.9), width=7.0)
+    fig, ax = new_diagram((-0.7, 8.2), (-3.2, 1.6))
     circle(ax, (0, 0), "A", radius=0.45, fontsize=15)
     circle(ax, (3.4, 0), "B", radius=0.45, fontsize=15)
     for y in (1.1, -1.1):
         box(ax, (7.3, y), "", width=0.5, height=0.5, face="#d9d9d9")
-    arrow(ax, (0.45, 0), (2.95, 0), f"p = {p_b:.2g}, r = 0", fontsize=12)
-    arrow(ax, (3.8, 0.2), (7.0, 1.1), f"p = {p_one:.3g}, r = 1", fontsize=12)
-    arrow(ax, (3.8, -0.2), (7.0, -1.1), f"p = {1 - p_one:.3g}, r = 0", fontsize=12)
+    arrow(ax, (0.45, 0), (2.95, 0), f"p = {p_b:.2g}\nr = 0", fontsize=SMALL)
+    arrow(ax, (3.8, 0.2), (7.0, 1.1), f"p = {p_one:.3g}, r = 1", fontsize=SMALL)
+    arrow(ax, (3.8, -0.2), (7.0, -1.1), f"p = {1 - p_one:.3g}, r = 0", fontsize=SMALL)
     for i, (label, (a, b)) in enumerate(values.items()):
-        ax.text(-0.6, -1.5 - 0.55 * i, f"{label}:  V(A) = {a:.3g},  V(B) = {b:.3g}", fontsize=12)
+        colour = styles(values)[label]["color"]
+        ax.text(-0.6, -2.2 - 0.7 * i, f"{label}:  V(A) = {a:.3g},  V(B) = {b:.3g}", fontsize=SMALL, color=colour)
     return fig
+
+
+def _cliff(foot=-0.6):
+    """The cliff world, with S and G beside it; foot: how far down the picture reaches, in cells below the last row."""
+    fig, ax = new_diagram((-1.1, 12.1), (foot, 3.7))
+    for row, col in np.ndindex(4, 12):
+        face = GREY if row == 3 and 0 < col < 11 else "#F2F2F2"
+        ax.add_patch(Rectangle((col - 0.5, 2.5 - row), 1, 1, fc=face, ec="white", lw=1, zorder=0))
+    ax.text(5.5, 0, "the cliff", ha="center", va="center", color="white")
+    for x, name in ((-0.8, "S"), (11.8, "G")):
+        ax.text(x, 0, name, ha="center", va="center", fontweight="bold")
+    return fig, ax
 
 
 def cliff_paths(paths, title=""):
     """The cliff world with greedy paths; paths: {label: list of states}, drawn with a small offset each. fig-22"""
-    fig, ax = new_figure(width=7.2, height=3.0)
-    ground = np.full((4, 12), 0.12)
-    ground[3, 1:11] = 1.0
-    heatmap(ax, ground, fmt=None, cmap="Greys", vmin=0, vmax=1.6)
-    ax.text(5.5, 3, "the cliff", ha="center", va="center", fontsize=13)
-    for s, name in ((36, "S"), (47, "G")):
-        ax.text(s % 12, s // 12, name, ha="center", va="center", fontsize=15, fontweight="bold")
-    for k, (label, states) in enumerate(paths.items()):
+    fig, ax = _cliff(-2.0)
+    for k, ((label, states), style) in enumerate(zip(paths.items(), styles(paths).values())):
         row, col = np.divmod(np.asarray(states), 12)
-        shift = 0.12 * (k - (len(paths) - 1) / 2)
-        style = {"color": (BLUE, RED, GREEN)[k % 3], "ls": ("-", "--", "-.")[k % 3], "lw": 2.4}
-        ax.plot(col + shift, row + shift, label=f"{label}: {len(states) - 1} steps", **style)
+        shift = 0.16 * (k - (len(paths) - 1) / 2)
+        ax.plot(col + shift, 3 - row - shift, label=f"{label}: {len(states) - 1} steps", lw=2.6, **style)
     ax.set_title(title)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=3, frameon=False)
+    ax.legend(loc="lower center", ncols=2, frameon=False)
     return fig
 
 
-def reward_curves(returns, *, window=10, ylim=(-100, 0), title=""):
+def reward_curves(returns: Curves, *, window: int = 10, ylim: Point = (-100, 0), title: str = "") -> Figure:
     """Sum of rewards per episode, smoothed over `window` episodes; mean and standard error over runs. fig-22
 
-    returns: {label: (n_runs, n_episodes)}.
+    returns: {label: (n_runs, n_episodes)}. ylim: the axis, which reaches further down where a curve ends below it.
     """
     fig, ax = new_figure(height=4.2)
-    for (label, values), colour, line in zip(returns.items(), (BLUE, RED, GREEN), ("-", "--", "-.")):
+    lowest = ylim[0]
+    for (label, values), style in zip(returns.items(), styles(returns).values()):
         smooth = np.apply_along_axis(np.convolve, 1, np.asarray(values, float), np.ones(window) / window, "valid")
         x, smooth = (np.arange(smooth.shape[1]) + window)[:: window // 2], smooth[:, :: window // 2]
-        band(ax, x, smooth.mean(axis=0), smooth.std(axis=0) / np.sqrt(len(smooth)), label, color=colour, ls=line)
-    ax.set(xlabel="episode", ylabel=f"sum of rewards, mean of {window} episodes", ylim=ylim, title=title)
+        mean = smooth.mean(axis=0)
+        band(ax, x, mean, smooth.std(axis=0) / np.sqrt(len(smooth)), label, **style)
+        lowest = min(lowest, 1.15 * mean[mean.size // 2 :].min())
+    ax.set(xlabel="episode", ylabel=f"sum of rewards,\nmean of {window} episodes", ylim=(lowest, ylim[1]), title=title)
     ax.legend(loc="lower right")
     return fig
 
 
-def value_paths(runs, ends, *, names=("V(A)", "V(B)")):
+def value_paths(runs: Curves, ends: Curves, *, names: Sequence[Any] = ("V(A)", "V(B)")) -> Figure:
     """How pairs of estimates move in the plane; runs: {label: (n, 2)}, ends: {label: point}. cl-047"""
-    fig, ax = new_figure(width=5.2, height=4.6)
-    for (label, path), colour, line in zip(runs.items(), (RED, BLUE), ("--", "-")):
-        ax.plot(*path.T, color=colour, ls=line, label=label)
+    fig, ax = new_figure(height=4.6)
+    for (label, path), style in zip(runs.items(), styles(runs).values()):
+        ax.plot(*path.T, label=label, lw=1.2, color=style["color"], ls="-")
     for (label, (x, y)), mark in zip(ends.items(), "Xo"):
         ax.plot([x], [y], mark, color=PALETTE["black"], ms=10)
         ground = {"fc": "white", "ec": "none", "pad": 1.0}
-        ax.annotate(label, (x, y), (0, -42), textcoords="offset points", fontsize=11, ha="left", bbox=ground)
+        ax.annotate(label, (x, y), (0, 40), textcoords="offset points", fontsize=SMALL, ha="left", bbox=ground)
     ax.set(xlabel=names[0], ylabel=names[1], xlim=(-0.05, 1.25), ylim=(0.4, 1.05))
     ax.legend(loc="lower left")
     return fig
 
 
-def cliff_step(update, names, title, *, target):
-    """One update of a control method on the cliff: where it is, what it does, which entry changes. fig-20, fig-21
+def cliff_step(update, names, title, *, target, alpha=0.5):
+    """One update of a control method on the cliff: where it is, what it does, the line of code, its numbers.
 
-    update: rlcore.studies.ch04.Update. names: of the actions. target: what the rule bootstraps from, in words.
+    fig-20, fig-21. update: rlcore.studies.ch04.Update. names: of the actions. target: what the rule bootstraps from, in
+    words. alpha: the step size of the update.
     """
-    fig, ax = new_figure(width=7.2, height=3.1)
-    ground = np.full((4, 12), 0.12)
-    ground[3, 1:11] = 1.0
-    heatmap(ax, ground, fmt=None, cmap="Greys", vmin=0, vmax=1.6)
+    fig, ax = _cliff(-3.9)
     row, col = divmod(update.s, 12)
-    circle(ax, (col, row), "S", radius=0.3, face=BLUE, fontsize=12)
+    circle(ax, (col, 3 - row), "s", radius=0.32, face=BLUE, fontsize=SMALL)
     if update.s_next >= 0:
         row_next, col_next = divmod(update.s_next, 12)
-        circle(ax, (col_next, row_next), "S'", radius=0.3, edge=RED, fontsize=12)
-    text = f"A = {names[update.a]}:  Q(S, A) goes from {update.old:.2f} to {update.new:.2f}, towards R + {target}"
-    ax.text(5.5, 4.05, text, ha="center", va="center", fontsize=12)
-    ax.set(title=title, ylim=(4.5, -0.5))
+        same = update.s_next == update.s
+        ring = circle if not same else (lambda ax, xy, text, **look: circle(ax, xy, "", **look))
+        ring(ax, (col_next, 3 - row_next), "s'", radius=0.44 if same else 0.32, edge=RED, fontsize=SMALL)
+        if same:  # the ring goes round the filled circle
+            ax.patches[-1].set(fill=False, linewidth=2.6)
+    goal = update.old + (update.new - update.old) / alpha
+    move = f"{names[update.a]}" + (", back to s" if update.s_next == update.s else "")
+    lines = [
+        "Q[s, a] += alpha * (target − Q[s, a])",
+        f"a = {move};  target = R + {target} = {goal:.2f}",
+        f"{update.old:.2f} + {alpha:g} · ({goal:.2f} {-update.old:+.2f}) = {update.new:.2f}",
+    ]
+    for k, line in enumerate(lines):
+        font = {"family": "DejaVu Sans Mono"} if k == 0 else {}
+        colour = RED if k == 2 else PALETTE["black"]
+        ax.text(
+            5.5,
+            -1.2 - 1.0 * k,
+            line.replace("-0.00", "0.00").replace("-", "−"),
+            ha="center",
+            va="center",
+            fontsize=SMALL,
+            color=colour,
+            **font,
+        )
+    ax.set_title(title)
     return fig

@@ -5,28 +5,41 @@ cell's last line is an assignment, ``fig = plots.some_figure(...)``: the inline 
 end of the cell, and the compared text is ``<Figure size 600x360 with 1 Axes>``. A cell that ends with the bare
 ``plots.some_figure(...)`` shows it once, too. ``explore`` hands each frame to ``encode``, which closes it, so that
 frames neither pile up nor show a second time. ``plots.use_style()`` stands in the first code cell.
+
+Every figure is 6 inches wide, so that all have the same type; no text is smaller than SMALL, which on a page of 360
+pixels is 10 pixels. A method has the colour and line of METHODS wherever it is drawn: ``styles(labels)``. On a dark
+page the book's style sheet turns light and dark round and keeps the hues, so that a figure is drawn on white.
 """
 
+from __future__ import annotations
+
 import io
+import itertools
 import re
 import sys
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from rlcore.core.extras import extra
+from rlcore.core.types import ArrayLike
 
 with extra("plots"):
     import matplotlib as mpl
     import matplotlib.figure
     import matplotlib.pyplot as plt
     from cycler import cycler
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
 
-# Okabe and Ito's colours (2008), the pale ones darkened: each has a contrast of 3:1 or more on white.
+# Okabe and Ito's colours (2008), darkened: each has a contrast of 4.5:1 or more on white, so that texts may have them.
 PALETTE = {
     "blue": "#0072B2",
-    "vermillion": "#D55E00",
+    "vermillion": "#C45100",
     "green": "#00875F",
     "purple": "#A8508A",
     "ochre": "#A06A00",
@@ -38,6 +51,40 @@ _LINES = ["-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1))]
 CYCLE = [PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "ochre", "black")]
 FONTS = "DejaVu Sans,Verdana,Geneva,sans-serif"
 WIDTH, HEIGHT, DPI = 6.0, 3.6, 100
+TEXT, SMALL = 14, 13  # points
+
+# Colour and line of each method; of two that fit a label the longer name counts.
+METHODS = {
+    "TD": ("blue", "-"),
+    "TD(0)": ("blue", "-"),
+    "batch TD": ("blue", "-"),
+    "MC": ("vermillion", "--"),
+    "Monte Carlo": ("vermillion", "--"),
+    "batch Monte Carlo": ("vermillion", "--"),
+    "first visit": ("vermillion", "--"),
+    "every visit": ("blue", "-."),
+    "SARSA": ("green", "-"),
+    "Q-learning": ("purple", "--"),
+    "expected SARSA": ("ochre", "-."),
+    "Dyna-Q": ("blue", "-."),
+    "Dyna-Q+": ("vermillion", "-"),
+    "never corrected": ("black", ":"),
+    "old model": ("black", ":"),
+    "policy evaluation": ("green", "-."),
+    "policy iteration": ("vermillion", "--"),
+    "value iteration": ("blue", "-"),
+    "table": ("vermillion", "--"),
+    "ten groups": ("blue", "-"),
+    "accumulating": ("blue", "-"),
+    "dutch": ("green", "-."),
+    "replacing": ("vermillion", "--"),
+    "REINFORCE": ("blue", "-"),
+    "baseline": ("vermillion", "--"),
+    "REINFORCE with baseline": ("vermillion", "--"),
+    "actor-critic": ("green", "-."),
+    "TRPO": ("purple", "-."),
+    "PPO": ("ochre", "-"),
+}
 
 STYLE = {
     "axes.prop_cycle": cycler(color=CYCLE) + cycler(linestyle=_LINES),
@@ -46,29 +93,34 @@ STYLE = {
     "axes.grid": True,
     "axes.spines.right": False,
     "axes.spines.top": False,
-    "axes.titlesize": 13,
+    "axes.titlesize": TEXT,
     "figure.constrained_layout.use": True,
     "figure.dpi": DPI,
     "figure.facecolor": "white",
     "figure.figsize": (WIDTH, HEIGHT),
     "font.family": "DejaVu Sans",
-    "font.size": 13,
+    "font.size": TEXT,
     "grid.color": "#E2E2E2",
     "grid.linewidth": 0.8,
     "image.cmap": "cividis",
-    "legend.fontsize": 12,
+    "legend.fontsize": SMALL,
     "legend.framealpha": 0.9,
-    "legend.handlelength": 2.6,
+    "legend.handlelength": 2.2,
+    "legend.handletextpad": 0.5,
+    "legend.columnspacing": 1.2,
     "lines.linewidth": 2.2,
     "lines.markersize": 7,
     "savefig.facecolor": "white",
     "svg.hashsalt": "rlcore",
-    "xtick.labelsize": 12,
-    "ytick.labelsize": 12,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
 }
 
+Point: TypeAlias = tuple[float, float]
+Curves: TypeAlias = Mapping[Any, Any]  # {label: what is drawn under it}
 
-def use_style():
+
+def use_style() -> None:
     """Set the book's look for every figure from here on, and sharp PNG of a fixed size in a notebook."""
     mpl.rcParams.update(STYLE)
     if "ipykernel" in sys.modules:
@@ -85,18 +137,64 @@ class Figure(mpl.figure.Figure):
         raise NotImplementedError  # IPython goes on in its usual way
 
 
-def new_figure(nrows=1, ncols=1, *, width=WIDTH, height=HEIGHT, **subplots):
-    """Return (figure, axes) as ``plt.subplots`` does, in the book's size; width and height in inches."""
-    return plt.subplots(nrows, ncols, figsize=(width, height), FigureClass=Figure, **subplots)
+def new_figure(nrows=1, ncols=1, *, height=HEIGHT, **subplots):
+    """Return (figure, axes) as ``plt.subplots`` does, in the book's width; height in inches."""
+    return plt.subplots(nrows, ncols, figsize=(WIDTH, height), FigureClass=Figure, **subplots)
 
 
-def new_diagram(xlim, ylim, *, width=WIDTH, height=None):
+def new_diagram(xlim, ylim, *, height=None):
     """Return (figure, axes) for a drawing: equal units, no frame, xlim and ylim in the drawing's own units."""
-    height = width * (ylim[1] - ylim[0]) / (xlim[1] - xlim[0]) if height is None else height
-    fig, ax = new_figure(width=width, height=height)
+    height = WIDTH * (ylim[1] - ylim[0]) / (xlim[1] - xlim[0]) if height is None else height
+    fig, ax = new_figure(height=height)
     ax.set(xlim=xlim, ylim=ylim, aspect="equal")
     ax.axis("off")
     return fig, ax
+
+
+def method_of(label):
+    """The method of METHODS that a label names, or None; of several the one with the longest name."""
+    found = [m for m in METHODS if re.search(rf"(?<![\w-]){re.escape(m)}(?![\w+-])", str(label), re.IGNORECASE)]
+    return max(found, key=len, default=None)
+
+
+def rung(label):
+    """The colour of "λ = 0.9" or "n = 4": from that of TD(0) to that of Monte Carlo; None for other labels."""
+    found = re.match(r"(λ|n) = ([\d.]+)", str(label))
+    if found is None:
+        return None
+    value = float(found[2])
+    place = 1 - np.sqrt(1 - min(value, 1)) if found[1] == "λ" else np.log2(max(value, 1)) / 9
+    ends = [PALETTE[name] for name in ("blue", "purple", "vermillion")]
+    return mpl.colors.to_hex(mpl.colors.LinearSegmentedColormap.from_list("rungs", ends)(min(place, 1.0)))
+
+
+def styles(labels, marks="osv^Dx"):
+    """A line style for each label, {label: {"color": ..., "ls": ...}}: that of the method that it names, see METHODS.
+
+    Several settings of one method differ in line and marker; other labels get the colours that are left.
+    """
+    methods = {label: method_of(label) for label in labels}
+    taken = {PALETTE[METHODS[method][0]] for method in methods.values() if method}
+    free = (
+        itertools.cycle([(c, _LINES[i]) for i, c in enumerate(CYCLE) if c not in taken])
+        if len(taken) < len(CYCLE) else itertools.cycle(zip(CYCLE, _LINES))
+    )  # fmt: skip
+    found, count = {}, Counter()
+    for k, (label, method) in enumerate(methods.items()):
+        if colour := rung(label):
+            found[label] = {"color": colour, "ls": _LINES[k % 4], "marker": marks[k % len(marks)], "ms": 5}
+        elif method:
+            name, line = METHODS[method]
+            found[label] = {"color": PALETTE[name], "ls": line}
+            if [METHODS[m] for m in methods.values() if m].count((name, line)) > 1:
+                k = count[name, line]
+                found[label] |= {"ls": _LINES[(_LINES.index(line) + k) % 4], "marker": marks[k % len(marks)], "ms": 6}
+                found[label]["markevery"] = (0.03 + 0.02 * k, 0.14)
+                count[name, line] += 1
+        else:
+            colour, line = next(free)
+            found[label] = {"color": colour, "ls": line}
+    return found
 
 
 def band(ax, x, mean, spread, label, **line):
@@ -108,14 +206,14 @@ def band(ax, x, mean, spread, label, **line):
     return curve
 
 
-def text_colour(background):
+def text_colour(background: Any) -> str:
     """Black or white, whichever has the higher contrast on the background colour."""
     rgb = np.array(mpl.colors.to_rgb(background))
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     return "white" if linear @ [0.2126, 0.7152, 0.0722] < 0.179 else "black"
 
 
-def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None, vmax=None, fontsize=11):
+def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None, vmax=None, fontsize=SMALL):
     """Draw a matrix as coloured cells, each with its number; NaN is a grey wall without text.
 
     Row i, column j is centred at x = j, y = i, first row on top.
@@ -141,7 +239,10 @@ def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None,
     return image
 
 
-def box(ax, xy, text="", *, width=2.0, height=1.0, face=PALETTE["light"], edge=PALETTE["black"], **font):
+def box(
+    ax: Axes, xy: Point, text: str = "", *, width: float = 2.0, height: float = 1.0, face: str = PALETTE["light"],
+    edge: str = PALETTE["black"], **font: Any,
+) -> None:  # fmt: skip
     """Draw a rounded box centred at xy with its text."""
     corner = (xy[0] - width / 2, xy[1] - height / 2)
     style = f"round,pad=0,rounding_size={0.15 * min(width, height)}"
@@ -149,13 +250,19 @@ def box(ax, xy, text="", *, width=2.0, height=1.0, face=PALETTE["light"], edge=P
     ax.text(*xy, text, ha="center", va="center", color=text_colour(face), zorder=3, **font)
 
 
-def circle(ax, xy, text="", *, radius=0.4, face="white", edge=PALETTE["black"], **font):
+def circle(
+    ax: Axes, xy: Point, text: str = "", *, radius: float = 0.4, face: str = "white", edge: str = PALETTE["black"],
+    **font: Any,
+) -> None:  # fmt: skip
     """Draw a circle at xy: white for a state, filled with edge's colour (face=edge) for an action."""
     ax.add_patch(Circle(xy, radius, fc=face, ec=edge, lw=1.8, zorder=2))
     ax.text(*xy, text, ha="center", va="center", color=text_colour(face), zorder=3, **font)
 
 
-def arrow(ax, start, end, text="", *, curve=0.0, colour=PALETTE["black"], line="-", at=0.5, offset=(0.0, 0.0), **font):
+def arrow(
+    ax: Axes, start: ArrayLike, end: ArrayLike, text: str = "", *, curve: float = 0.0, colour: str = PALETTE["black"],
+    line: str = "-", at: float = 0.5, offset: Point = (0.0, 0.0), **font: Any,
+) -> None:  # fmt: skip
     """Draw an arrow from start to end, bent by curve (a fraction of its length, to the left of travel).
 
     text stands on a white ground at the fraction ``at`` of the way, moved by ``offset`` in the drawing's units.
@@ -170,7 +277,7 @@ def arrow(ax, start, end, text="", *, curve=0.0, colour=PALETTE["black"], line="
         ax.text(x, y, text, ha="center", va="center", color=colour, bbox=ground, zorder=1.5, **font)
 
 
-def encode(fig, fmt="svg", *, dpi=150):
+def encode(fig: Any, fmt: str = "svg", *, dpi: int = 150) -> tuple[str, bytes]:
     """Return (mime type, bytes) of a figure and close it: SVG with real text, or PNG of 256 colours.
 
     The same figure gives the same bytes. fmt: "svg", or "png" for pictures with very many points.
