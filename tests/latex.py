@@ -669,7 +669,7 @@ def cells(page, kind):
 
 @cache
 def displays(page):
-    """[(ids, LaTeX)] of every $$ ... $$, in order: its label, eq-7, and the anchors eq-..., om-... and dv-... before it."""
+    """[(ids, LaTeX)] of every $$ ... $$, in order: its label, eq-7, and the anchors eq-, om- and dv- before it."""
     found = []
     for text in cells(page, "markdown"):
         end = 0
