@@ -1,4 +1,6 @@
-"""Every equation on the pages is compared with rlcore, or stands here with the reason why nothing can be compared."""
+"""Every equation on the pages is compared with rlcore, step by step where it is a derivation, or stands here with the
+reason why nothing can be compared.
+"""
 
 import re
 
