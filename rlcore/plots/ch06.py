@@ -70,8 +70,8 @@ def _heights(ids, n):
 def activation(curves, x=None, *, xlabel="z", title="", ylim=None):
     """Activation functions and their derivatives; curves: {label: (x, y)}; x: a marked input. fig-33, fig-34"""
     fig, ax = new_figure(height=3.6)
-    for label, (at, y) in curves.items():
-        ax.plot(at, y, label=label)
+    for (label, (at, y)), style in zip(curves.items(), styles(curves).values()):
+        ax.plot(at, y, label=label, **style)
         if x is not None:
             ax.plot([x], [np.interp(x, at, y)], "o", color=BLACK, ms=7)
     ax.set(xlabel=xlabel, title=title, ylim=ylim)
@@ -82,10 +82,9 @@ def activation(curves, x=None, *, xlabel="z", title="", ylim=None):
 def gradient_norms(depths, norms):
     """Norm of the gradient that reaches the first of several layers; norms: {label: (n_depths, n_nets)}. fig-34"""
     fig, ax = new_figure(height=3.8)
-    for label, values in norms.items():
-        band(
-            ax, depths, np.exp(np.log(values).mean(axis=1)), np.percentile(values, [10, 90], axis=1), label, marker="o"
-        )
+    for (label, values), style in zip(norms.items(), styles(norms).values()):
+        mean, spread = np.exp(np.log(values).mean(axis=1)), np.percentile(values, [10, 90], axis=1)
+        band(ax, depths, mean, spread, label, **style | {"marker": "o"})
     ax.set(xlabel="layers", ylabel="norm of the gradient", yscale="log", xticks=depths)
     ax.legend()
     return fig
@@ -148,8 +147,8 @@ def approximation(x, f, networks, title=""):
     """A function and what networks make of it; networks: {label: (n,)}. fig-46, ex-universal"""
     fig, ax = new_figure(height=4.0)
     ax.plot(x, f, color=BLACK, ls="-", lw=1.4, label="f(x) = cos² x + x")
-    for (label, y), colour, line in zip(networks.items(), (BLUE, RED, GREEN), ("-", "--", "-.")):
-        ax.plot(x, y, color=colour, ls=line, lw=1.8, label=label)
+    for (label, y), style in zip(networks.items(), styles(networks).values()):
+        ax.plot(x, y, lw=1.8, label=label, **style)
     ax.set(xlabel="x", title=title, ylim=(0.95, 1.35))
     ax.legend(loc="lower right")
     return fig
@@ -158,8 +157,8 @@ def approximation(x, f, networks, title=""):
 def errors_by_size(n, errors):
     """Largest error against the number of bumps, on log axes; errors: {label: (n,)}. fig-46, cl-091"""
     fig, ax = new_figure(height=3.8)
-    for label, values in errors.items():
-        ax.plot(n, values, marker="o", label=label)
+    for (label, values), style in zip(errors.items(), styles(errors).values()):
+        ax.plot(n, values, label=label, **style | {"marker": "o"})
     ax.plot(n, 0.5 / np.asarray(n), color=GREY, ls="-", lw=1.0, label="1 / (2N)")
     ax.set(xscale="log", yscale="log", xlabel="bumps N", ylabel="largest error")
     ax.legend()

@@ -6,7 +6,6 @@ from matplotlib.ticker import FixedLocator
 from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, new_figure, styles
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
-LINES = ("-", "--", ":", "-.")
 SYMLOG_TICKS = np.array([-30, -10, -3, -1, -0.5, 0, 0.5, 1])
 
 
@@ -140,8 +139,8 @@ def minorize(theta, performance, bounds, path, title=""):
 def kl_by_scale(scales, kls, target):
     """KL of one update against the scale of the rewards, a line for each rule; kls: {label: (n,)}. ex-beta, cl-130"""
     fig, ax = new_figure(height=3.8)
-    for (label, values), colour, line, mark in zip(kls.items(), (RED, BLUE, GREEN), LINES, "os^"):
-        ax.plot(scales, values, mark, ls=line, color=colour, label=label)
+    for (label, values), style, mark in zip(kls.items(), styles(kls).values(), "os^"):
+        ax.plot(scales, values, label=label, **style | {"marker": mark})
     ax.axhline(target, color=GREY, ls="--", lw=1.2)
     ax.set(xscale="log", yscale="log", xlabel="rewards times", ylabel="mean KL(old, new)")
     ax.set(xticks=scales, xticklabels=[f"{scale:g}" for scale in scales])
@@ -152,10 +151,10 @@ def kl_by_scale(scales, kls, target):
 def kl_and_beta(runs, target):
     """Mean KL and coefficient of each update, one line a rule; runs: {label: Steps}. cl-127, cl-131"""
     fig, (top, bottom) = new_figure(2, 1, height=4.8, sharex=True)
-    for (label, run), colour, line in zip(runs.items(), (RED, BLUE, GREEN), LINES):
+    for (label, run), style in zip(runs.items(), styles(runs).values()):
         x = np.arange(1, len(run.kl) + 1)
-        top.plot(x, run.kl, color=colour, ls=line, label=label)
-        bottom.plot(x, run.beta, color=colour, ls=line)
+        top.plot(x, run.kl, label=label, **style)
+        bottom.plot(x, run.beta, **style)
     top.axhline(target, color=GREY, ls="--", lw=1.2)
     top.set(yscale="log", ylabel="mean KL")
     bottom.set(yscale="log", ylabel="β", xlabel="update")
@@ -197,10 +196,10 @@ def returns_and_kl(curves, *, top=500, title=""):
     Bands: from the lowest to the highest seed; from the median to the largest KL.
     """
     fig, (upper, lower) = new_figure(2, 1, height=5.2, sharex=True)
-    for (label, of), colour, line in zip(curves.items(), (BLUE, RED, GREEN, BLACK), LINES):
+    for (label, of), style in zip(curves.items(), styles(curves).values()):
         x = np.arange(1, len(of["mean"]) + 1)
-        band(upper, x, of["mean"], [of["low"], of["high"]], label, color=colour, ls=line)
-        band(lower, x, of["kl"], [of["kl"], of["largest_kl"]], label, color=colour, ls=line)
+        band(upper, x, of["mean"], [of["low"], of["high"]], label, **style)
+        band(lower, x, of["kl"], [of["kl"], of["largest_kl"]], label, **style)
     upper.set(ylabel="return", ylim=(0, 1.04 * top), title=title)
     lower.set(ylabel="KL(old, new)", xlabel="rollout of 512 steps", yscale="log")
     upper.legend(fontsize=SMALL, loc="lower right")
