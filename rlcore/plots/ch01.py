@@ -148,14 +148,14 @@ def _square(x, y, colour):
     return Rectangle((x, y), 1, 1, fc=colour, ec=PALETTE["grey"], lw=1.2)
 
 
-def cart_pole(states: ArrayLike) -> Figure:
-    """A cart with its pole at the last of the states (T, 4), earlier ones pale, and the limits of failure. fig-2"""
+def cart_pole(states):
+    """A cart with its pole at the last of the states (T, 4), those just before pale, and the limits. fig-2"""
     fig, ax = new_diagram((-2.9, 2.9), (-0.5, 2.0))
     ax.plot([-2.4, 2.4], [0, 0], color=PALETTE["black"], ls="-", lw=1.5)
     for x in (-2.4, 2.4):
         ax.plot([x, x], [-0.12, 0.3], color=PALETTE["vermillion"], ls="-", lw=3)
         ax.text(x, -0.36, f"x = {x:+g}", ha="center", fontsize=SMALL)
-    for state in states[:-1:4]:
+    for state in states[-17:-1:4]:
         _draw_cart(ax, state, alpha=0.18)
     x = states[-1][0]
     for side in (-1, 1):
@@ -163,6 +163,24 @@ def cart_pole(states: ArrayLike) -> Figure:
         ax.plot([x, x + side * tip[0]], [0.4, 0.4 + tip[1]], color=PALETTE["grey"], ls=":", lw=1.4)
     _draw_cart(ax, states[-1])
     ax.text(x + 0.42, 1.72, "12°", fontsize=SMALL, color=PALETTE["grey"])
+    return fig
+
+
+def cart_pole_strip(states, steps):
+    """The cart and its pole after several numbers of steps, a picture for each, in rows of three. fig-2, fig-56
+
+    states: (T, 4). steps: which of the states.
+    """
+    rows = -(-len(steps) // 3)
+    fig, axes = new_figure(rows, 3, height=1.75 * rows, squeeze=False)
+    for ax, step in zip(axes.flat, steps):
+        ax.plot([-2.4, 2.4], [0, 0], color=PALETTE["black"], ls="-", lw=1.5)
+        for x in (-2.4, 2.4):
+            ax.plot([x, x], [-0.12, 0.3], color=PALETTE["vermillion"], ls="-", lw=3)
+        _draw_cart(ax, states[step])
+        ax.set(xlim=(-2.6, 2.6), ylim=(-0.3, 1.8), aspect="equal", title=f"step {step}")
+    for ax in axes.flat:
+        ax.axis("off")
     return fig
 
 

@@ -1,9 +1,6 @@
 """Figures of chapter 3: models, planning in them, and what learns without them."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
-from typing import Any
+import textwrap
 
 import matplotlib as mpl
 import numpy as np
@@ -221,7 +218,8 @@ def q_table(
     Q: (S, 4), drawn on a logarithmic scale up to 1. shape: rows and columns. flash: (s, a), drawn in red, its value
     below, and what it was before where `old` says so. Walls are grey, S is the start, G the goal.
     """
-    fig, ax = (ax.figure, ax) if ax is not None else new_figure(height=4.3)
+    alone = ax is None
+    fig, ax = new_figure(height=3.9) if alone else (ax.figure, ax)
     side = np.arange(24) - 11.5
     across, down = np.meshgrid(side, side)
     action = np.where(np.abs(across) > np.abs(down), np.where(across > 0, 2, 3), np.where(down < 0, 0, 1))
@@ -242,8 +240,10 @@ def q_table(
     for s, text in ((mdp.start.argmax(), "S"), (mdp.terminal.argmax(), "G")):
         ground = {"fc": "white", "ec": "none", "pad": 1}
         ax.text(s % shape[1], s // shape[1], text, ha="center", va="center", fontweight="bold", bbox=ground)
-    ax.set(xticks=[], yticks=[], title=title)
+    ax.set(xticks=[], yticks=[], title="\n".join(textwrap.wrap(title, 46)))
     ax.grid(False)
+    if alone:
+        fig.colorbar(ScalarMappable(Q_NORM, Q_CMAP), ax=ax, shrink=0.8, pad=0.02, label="white: 0")
     return fig
 
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rlcore.core.types import ArrayLike
-from rlcore.plots.style import CYCLE, PALETTE, Curves, Figure, Point, arrow, band, new_diagram, new_figure
+from rlcore.plots.style import PALETTE, SMALL, arrow, band, new_diagram, new_figure, styles
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 
@@ -18,7 +17,7 @@ def backup_spectrum(steps: Sequence[Any], weights: ArrayLike | None = None, titl
 
     steps: how many steps each looks ahead; the last one reaches the end. weights: written under the columns.
     """
-    fig, ax = new_diagram((-1, 2 * len(steps) - 0.4), (-2 * max(steps) - 1.9, 1.2), height=4.6)
+    fig, ax = new_diagram((-1, 2 * len(steps) - 0.4), (-2 * max(steps) - 2.1, 2.6), height=4.8)
     ax.set_aspect("auto")
     for k, n in enumerate(steps):
         x, last = 2 * k, k == len(steps) - 1
@@ -27,9 +26,11 @@ def backup_spectrum(steps: Sequence[Any], weights: ArrayLike | None = None, titl
             ax.plot([x], [-2 * i], "o", color="white", mec=BLACK, ms=12, zorder=2)
             ax.plot([x], [-2 * i - 1], "o", color=BLACK, ms=7, zorder=2)
         ax.plot([x], [-2 * n], "s" if last else "o", color="#d9d9d9" if last else "white", mec=BLACK, ms=13, zorder=2)
-        ax.text(x, 0.9, "Monte\nCarlo" if last else f"{n} step" + "s" * (n > 1), ha="center", fontsize=11)
+        ax.text(
+            x, 0.9, "Monte\nCarlo" if last else f"{n}\nstep" + "s" * (n > 1), ha="center", va="bottom", fontsize=SMALL
+        )
         if weights is not None:
-            ax.text(x, -2 * n - 1.3, f"{weights[k]:.3g}", ha="center", va="center", color=BLUE, fontsize=12)
+            ax.text(x, -2 * n - 1.5, f"{weights[k]:.2g}", ha="center", va="center", color=BLUE, fontsize=SMALL)
     ax.set_title(title)
     return fig
 
@@ -51,7 +52,7 @@ def time_line(states: ArrayLike, t: int, heights: ArrayLike, title: str, *, forw
     """An episode as a row of states; from time t, bars and arcs forward to rewards or back to states. fig-25, fig-27
 
     states: (T + 1,). heights: forward, the effect of R_{t+1} ... R_T on the target, (T - t,); backward, what the states
-    S_0 ... S_t are credited with, (t + 1,), one entry a time.
+    S_0 ... S_t are credited with, (t + 1,), one entry a time, see visit_credits.
     """
     T = len(states) - 1
     fig, ax = new_figure(height=3.4)
@@ -67,19 +68,32 @@ def time_line(states: ArrayLike, t: int, heights: ArrayLike, title: str, *, forw
     for k, s in enumerate(states):
         last = k == T
         ax.plot(
-            [k], [-0.2], "s" if last else "o", ms=17, color="#d9d9d9" if last else "white", mec=RED if k == t else BLACK
+            [k], [-0.2], "s" if last else "o", ms=19, color="#d9d9d9" if last else "white", mec=RED if k == t else BLACK
         )
-        ax.text(k, -0.2, "" if last else chr(ord("A") + s - 1), ha="center", va="center", fontsize=10)
+        ax.text(k, -0.2, "" if last else chr(ord("A") + s - 1), ha="center", va="center", fontsize=SMALL)
     what = "effect on the target" if forward else "credit, share of the largest"
-    ax.set(xlabel="time", ylabel=what, title=title, xlim=(-0.7, T + 0.7), ylim=(-0.5 if forward else -1.1, 1.15))
+    ax.set(xlabel="time", ylabel=what, title=title, xlim=(-0.7, T + 0.7), ylim=(-0.42, 1.08), yticks=[0, 0.5, 1])
     ax.axhline(0, color=GREY, ls="-", lw=0.8)
     return fig
 
 
-def trace_courses(courses: Curves, visits: ArrayLike, title: str = "") -> Figure:
+def visit_credits(states, t, gamma_lam, trace, alpha=1.0):
+    """What each visit up to time t has left in the trace of its state at time t, (t + 1,). fig-27
+
+    A visit fades by gamma_lam a step. trace: "accumulating" visits add up, "replacing" keeps the last one of a state
+    alone, "dutch" takes the share alpha of it away at each later visit. The sum over a state's visits is its trace.
+    """
+    states, k = np.asarray(states[: t + 1]), np.arange(t + 1)
+    later = np.array([(states[i + 1 :] == states[i]).sum() for i in k])
+    kept = {"accumulating": 1.0, "replacing": 0.0, "dutch": 1 - alpha}[trace]
+    return float(gamma_lam) ** (t - k) * kept**later
+
+
+def trace_courses(courses, visits, title=""):
     """The trace of one state in time, a panel for each kind, its visits marked. fig-26; courses: {kind: (n,)}."""
     fig, axes = new_figure(len(courses), 1, height=5.4, sharex=True, sharey=True)
-    for ax, (kind, course), colour in zip(axes, courses.items(), (BLUE, GREEN, RED)):
+    for ax, (kind, course), style in zip(axes, courses.items(), styles(courses).values()):
+        colour = style["color"]
         t = np.arange(course.size)
         ax.step(t, course, where="post", color=colour, ls="-")
         ax.plot(t, course, "o", color=colour, ms=5)
@@ -99,26 +113,27 @@ def sweep(
     ex-random-walk-19, alg-n-step-online
     """
     fig, ax = new_figure(height=4.6)
-    for k, (label, (x, values)) in enumerate(curves.items()):
+    for (label, (x, values)), style in zip(curves.items(), styles(curves).values()):
         mean, error = values.mean(axis=1), values.std(axis=1) / np.sqrt(values.shape[1])
-        style = {
-            "color": CYCLE[k % len(CYCLE)],
-            "ls": ("-", "--", "-.", ":")[k % 4],
-            "marker": "osv^Dx"[k % 6],
-            "ms": 4,
-        }
         band(ax, x, mean, error, label, **style)
     ax.set(xlabel=xlabel, ylabel=ylabel, ylim=ylim, title=title)
-    ax.legend(ncols=2, fontsize=10)
+    ax.legend(ncols=2, fontsize=SMALL)
     return fig
 
 
-def cut_histogram(cuts: ArrayLike, title: str) -> Figure:
-    """How many steps a trace grows before an exploratory action cuts it. fig-29"""
+def cut_histogram(cuts, title, *, steps=None):
+    """How many steps a trace grows before an exploratory action cuts it. fig-29
+
+    steps: all steps taken, also those of traces that the goal ended; with it the title tells how many there are to a
+    cut. The mean of the runs that were cut would leave the long ones out.
+    """
     fig, ax = new_figure(height=3.4)
     length = np.minimum(cuts, 30)
     ax.bar(np.arange(1, 31), np.bincount(length, minlength=31)[1:] / cuts.size, color=BLUE)
-    ax.axvline(cuts.mean(), color=RED, ls="--", label=f"mean {cuts.mean():.1f}")
-    ax.set(xlabel="steps until a cut (30: 30 and more)", ylabel="share", title=title, ylim=(0, 0.7))
-    ax.legend()
+    if steps is None:
+        ax.axvline(cuts.mean(), color=RED, ls="--", label=f"mean {cuts.mean():.1f}")
+        ax.legend()
+    else:
+        title = f"{title}: one cut in {steps / cuts.size:.3g} steps"
+    ax.set(xlabel="steps until a cut (30: 30 and more)", ylabel="share of the cuts", title=title, ylim=(0, 0.7))
     return fig

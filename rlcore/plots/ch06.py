@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rlcore.core.types import ArrayLike
-from rlcore.plots.style import PALETTE, Curves, Figure, Point, arrow, band, circle, heatmap, new_diagram, new_figure
+from rlcore.plots.style import PALETTE, SMALL, arrow, band, circle, new_diagram, new_figure, styles
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 MOST = 10  # neurons of a layer that are drawn one by one
@@ -27,7 +26,7 @@ def network_diagram(
     fig, ax = new_diagram((-0.6, len(sizes) - 0.4), (-0.62, 0.68), height=4.0)
     ax.set_aspect("auto")
     shown = [range(n) if n <= MOST else [*range(MOST // 2), *range(n - MOST // 2, n)] for n in sizes]
-    place = [dict(zip(ids, 0.5 - (np.arange(len(ids)) + 0.5) / len(ids))) for ids in shown]
+    place = [_heights(ids, n) for ids, n in zip(shown, sizes)]
     largest = max((np.abs(w).max() for w in weights), default=1.0) if weights is not None else 1.0
     for k in range(1, len(sizes)):
         for i, y in place[k].items():
@@ -39,30 +38,48 @@ def network_diagram(
     for k, ids in enumerate(place):
         for i, y in ids.items():
             edge = RED if (k, i) in lit else BLACK
-            ax.plot([k], [y], "o", ms=22 if len(ids) <= 6 else 14, color="white", mec=edge, mew=1.8, zorder=2)
+            ax.plot(
+                [k],
+                [y],
+                "o",
+                ms=34 if values is not None else 22 if len(ids) <= 6 else 14,
+                color="white",
+                mec=edge,
+                mew=1.8,
+                zorder=2,
+            )
             if values is not None:
-                ax.text(k, y, f"{values[k][i]:.2f}", ha="center", va="center", fontsize=8, zorder=3)
+                ax.text(k, y, f"{values[k][i]:.2f}", ha="center", va="center", fontsize=SMALL, zorder=3)
         if sizes[k] > MOST:
             ax.text(k, 0.0, "⋮", ha="center", va="center", fontsize=18)
-        ax.text(k, 0.6, str(sizes[k]), ha="center", va="center", fontsize=12)
+        ax.text(k, 0.6, str(sizes[k]), ha="center", va="center", fontsize=SMALL)
     for k, side in ((0, "right"), (len(sizes) - 1, "left")):
         for text, (_, y) in zip((names or {}).get(k, ()), place[k].items()):
-            ax.text(k + (-0.12 if side == "right" else 0.12), y, text, ha=side, va="center", fontsize=11)
+            ax.text(k + (-0.12 if side == "right" else 0.12), y, text, ha=side, va="center", fontsize=SMALL)
     if brackets:
         for i in range(0, sizes[1] - 1, 2):
-            y = (place[1][i] + place[1][i + 1]) / 2
-            ax.text(1.1, y, f"}} h{i // 2 + 1}", va="center", fontsize=13)
+            high, low = place[1][i] + 0.02, place[1][i + 1] - 0.02
+            ax.plot([1.09, 1.13, 1.13, 1.09], [high, high, low, low], color=BLUE, ls="-", lw=2, zorder=3)
+            ground = {"fc": "white", "ec": "none", "pad": 0.5}
+            text = f"$h_{i // 2 + 1}$"
+            ax.text(1.17, (high + low) / 2, text, va="center", fontsize=14, color=BLUE, bbox=ground, zorder=3)
     ax.set_title(title)
     return fig
 
 
-def activation(
-    curves: Curves, x: ArrayLike | None = None, *, xlabel: str = "z", title: str = "", ylim: Point | None = None
-) -> Figure:
+def _heights(ids, n):
+    """Height of each neuron that is drawn; where some of the n are left out, a gap for the dots in the middle."""
+    slots = np.arange(len(ids), dtype=float)
+    if n > len(ids):
+        slots[len(ids) // 2 :] += 1
+    return dict(zip(ids, 0.5 - (slots + 0.5) / (slots[-1] + 1)))
+
+
+def activation(curves, x=None, *, xlabel="z", title="", ylim=None):
     """Activation functions and their derivatives; curves: {label: (x, y)}; x: a marked input. fig-33, fig-34"""
     fig, ax = new_figure(height=3.6)
-    for label, (at, y) in curves.items():
-        ax.plot(at, y, label=label)
+    for (label, (at, y)), style in zip(curves.items(), styles(curves).values()):
+        ax.plot(at, y, label=label, **style)
         if x is not None:
             ax.plot([x], [np.interp(x, at, y)], "o", color=BLACK, ms=7)
     ax.set(xlabel=xlabel, title=title, ylim=ylim)
@@ -73,10 +90,9 @@ def activation(
 def gradient_norms(depths: ArrayLike, norms: Curves) -> Figure:
     """Norm of the gradient that reaches the first of several layers; norms: {label: (n_depths, n_nets)}. fig-34"""
     fig, ax = new_figure(height=3.8)
-    for label, values in norms.items():
-        band(
-            ax, depths, np.exp(np.log(values).mean(axis=1)), np.percentile(values, [10, 90], axis=1), label, marker="o"
-        )
+    for (label, values), style in zip(norms.items(), styles(norms).values()):
+        mean, spread = np.exp(np.log(values).mean(axis=1)), np.percentile(values, [10, 90], axis=1)
+        band(ax, depths, mean, spread, label, **style | {"marker": "o"})
     ax.set(xlabel="layers", ylabel="norm of the gradient", yscale="log", xticks=depths)
     ax.legend()
     return fig
@@ -92,7 +108,8 @@ def function_plot(
     if inset is not None:
         small = ax.inset_axes([0.55, 0.12, 0.42, 0.42])
         small.plot(*inset)
-        small.tick_params(labelsize=9)
+        small.tick_params(labelsize=SMALL)
+        small.set_xticks([-3, 0, 3, 6])
     return fig
 
 
@@ -104,22 +121,24 @@ def hidden_neuron(x: ArrayLike, y: ArrayLike, w: ArrayLike, b: ArrayLike) -> Fig
     inside = x[0] <= s <= x[-1]
     if inside:
         ax.axvline(s, color=RED, ls="--", lw=1.4)
-    where = f"s = −b/w = {s + 0.0:.4g}" if w else "w = 0: no step"
-    ax.set(
-        xlabel="x", ylabel="output", ylim=(-0.05, 1.05), title=f"w = {w:g}, b = {b:g}; {where}; slope w/4 = {w / 4:g}"
-    )
+    where = f"s = −b/w = {s + 0.0:.3g}" if w else "w = 0: no step"
+    ax.set(xlabel="x", ylabel="output", ylim=(-0.05, 1.05))
+    ax.set_title(f"w = {w:g}, b = {b:g}; {where}; slope w/4 = {w / 4:g}", fontsize=SMALL)
     return fig
 
 
 def step_places(w: ArrayLike, b: ArrayLike, s: ArrayLike) -> Figure:
     """Map of s = -b/w over weights and biases. fig-41; w: (n,), b: (m,), s: (m, n)."""
     fig, ax = new_figure(height=4.0)
-    image = ax.pcolormesh(w, b, np.clip(s, 0, 1), cmap="cividis", shading="nearest")
+    inside = np.ma.masked_outside(s, 0, 1)
+    ax.set_facecolor("#BBBBBB")
+    image = ax.pcolormesh(w, b, inside, cmap="cividis", shading="nearest", vmin=0, vmax=1, rasterized=True)
     for level in (0.2, 0.4, 0.6, 0.8):
         ax.plot(w, -level * w, color="white", ls="-", lw=1.0)
-        ax.text(w[-1], -level * w[-1], f" {level:g}", va="center", fontsize=10)
+    ax.text(0.25 * w[-1], 0.75 * b[0], "s > 1: beyond\nthe interval", va="center", ha="center", fontsize=SMALL)
     ax.set(xlabel="weight w", ylabel="bias b", ylim=(b.min(), b.max()), title="position of the step, s = −b/w")
-    fig.colorbar(image, ax=ax, pad=0.1)
+    ax.grid(False)
+    fig.colorbar(image, ax=ax, ticks=[0, 0.2, 0.4, 0.6, 0.8, 1])
     return fig
 
 
@@ -129,7 +148,7 @@ def weighted_output(x: ArrayLike, y: ArrayLike, steps: Sequence[Any], weights: A
     ax.plot(x, y, color=BLUE, ls="-")
     for s in steps:
         ax.axvline(s, color=GREY, ls=":", lw=1.2)
-    title = ", ".join(f"s{i + 1} = {s:g}, w{i + 1} = {w:g}" for i, (s, w) in enumerate(zip(steps, weights)))
+    title = ",  ".join(f"$s_{i + 1}$ = {s:g}, $w_{i + 1}$ = {w:g}" for i, (s, w) in enumerate(zip(steps, weights)))
     ax.set(xlabel="x", ylabel="weighted output", title=title, ylim=(-1.1, 1.6))
     return fig
 
@@ -138,8 +157,8 @@ def approximation(x: ArrayLike, f: ArrayLike, networks: Curves, title: str = "")
     """A function and what networks make of it; networks: {label: (n,)}. fig-46, ex-universal"""
     fig, ax = new_figure(height=4.0)
     ax.plot(x, f, color=BLACK, ls="-", lw=1.4, label="f(x) = cos² x + x")
-    for (label, y), colour, line in zip(networks.items(), (BLUE, RED, GREEN), ("-", "--", "-.")):
-        ax.plot(x, y, color=colour, ls=line, lw=1.8, label=label)
+    for (label, y), style in zip(networks.items(), styles(networks).values()):
+        ax.plot(x, y, lw=1.8, label=label, **style)
     ax.set(xlabel="x", title=title, ylim=(0.95, 1.35))
     ax.legend(loc="lower right")
     return fig
@@ -148,8 +167,8 @@ def approximation(x: ArrayLike, f: ArrayLike, networks: Curves, title: str = "")
 def errors_by_size(n: int, errors: ArrayLike) -> Figure:
     """Largest error against the number of bumps, on log axes; errors: {label: (n,)}. fig-46, cl-091"""
     fig, ax = new_figure(height=3.8)
-    for label, values in errors.items():
-        ax.plot(n, values, marker="o", label=label)
+    for (label, values), style in zip(errors.items(), styles(errors).values()):
+        ax.plot(n, values, label=label, **style | {"marker": "o"})
     ax.plot(n, 0.5 / np.asarray(n), color=GREY, ls="-", lw=1.0, label="1 / (2N)")
     ax.set(xscale="log", yscale="log", xlabel="bumps N", ylabel="largest error")
     ax.legend()
@@ -171,8 +190,9 @@ def decision(surface: ArrayLike, points: ArrayLike, labels: Sequence[Any], title
 def digit(image: ArrayLike, output: ArrayLike, label: str) -> Figure:
     """One digit, and what the network says of it. fig-31, fig-47; image: (28, 28); output: (10,)."""
     fig, (left, right) = new_figure(1, 2, height=2.8, width_ratios=[1, 1.6])
-    heatmap(left, image, fmt=None, cmap="Greys")
-    left.set_title(f"a {label}")
+    left.imshow(image, cmap="Greys", interpolation="nearest")
+    left.set(xticks=[], yticks=[], title=f"a {label}")
+    left.grid(False)
     colours = [RED if k == int(output.argmax()) else BLUE for k in range(10)]
     right.bar(range(10), output, color=colours)
     right.set(xticks=range(10), ylim=(0, 1.05), xlabel="output neuron", title=f"largest: {int(output.argmax())}")
@@ -184,10 +204,10 @@ def training_curves(
 ) -> Figure:
     """One line a run, or a mean with its spread; curves: {label: (n_runs, n)}. fig-47, cl-085, cl-098"""
     fig, ax = new_figure(height=3.8)
-    for label, values in curves.items():
+    for (label, values), style in zip(curves.items(), styles(curves).values()):
         values = np.atleast_2d(values)
         spread = np.percentile(values, [25, 75], axis=0)
-        band(ax, np.arange(1, values.shape[1] + 1), values.mean(axis=0), spread, label)
+        band(ax, np.arange(1, values.shape[1] + 1), values.mean(axis=0), spread, label, **style)
     ax.set(xlabel=xlabel, ylabel=ylabel, yscale="log" if log else "linear", ylim=ylim)
     ax.legend()
     return fig
@@ -208,11 +228,11 @@ def descent_1d(v: ArrayLike, C: ArrayLike, slope: ArrayLike, path: ArrayLike, ti
 
 def flow() -> Figure:
     """From an image through the network to a cost. fig-31"""
-    fig, ax = new_diagram((-0.8, 10.6), (-1.4, 1.4))
+    fig, ax = new_diagram((-1.0, 10.8), (-1.9, 1.1))
     for x, text in ((0, "x"), (3, "network\nw, b"), (6.2, "a(x)"), (9.6, "cost\nC(w, b)")):
-        circle(ax, (x, 0), text, radius=0.75, fontsize=11)
-    for start, end in ((0.75, 2.25), (3.75, 5.45), (6.95, 8.85)):
+        circle(ax, (x, 0), text, radius=0.95, fontsize=SMALL)
+    for start, end in ((0.95, 2.05), (3.95, 5.25), (7.15, 8.65)):
         arrow(ax, (start, 0), (end, 0))
-    ax.text(7.9, -1.1, "y(x), what it should be", ha="center", fontsize=11)
-    arrow(ax, (8.6, -0.95), (9.1, -0.6))
+    ax.text(7.7, -1.55, "y(x), what it should be", ha="right", va="center", fontsize=SMALL)
+    arrow(ax, (7.85, -1.5), (8.85, -0.65))
     return fig

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rlcore.core.types import ArrayLike
-from rlcore.plots.style import PALETTE, Curves, Figure, Point, band, new_figure
+from rlcore.plots.style import PALETTE, SMALL, band, new_figure, styles
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 
@@ -62,7 +61,8 @@ def returns_by_episode(
     best: dashed line. Smoothed over 10 episodes.
     """
     fig, ax = new_figure(height=4.4)
-    for (label, values), colour in zip(curves.items(), (BLUE, RED, GREEN)):
+    for (label, values), style in zip(curves.items(), styles(curves).values()):
+        colour = style["color"]
         smooth = np.apply_along_axis(np.convolve, 1, values, np.ones(10) / 10, "valid")[:, ::10]
         x = 10 * np.arange(smooth.shape[1]) + 10
         error = smooth.std(axis=0) / np.sqrt(len(smooth))
@@ -71,7 +71,25 @@ def returns_by_episode(
             ax.plot(x, np.median(smooth, axis=0), color=colour, ls=":", lw=1.4, label=f"{label}, median")
     ax.axhline(best, color=GREY, ls="--", lw=1.2, label=f"{best:.2f}")
     ax.set(xlabel="episode", ylabel="return", ylim=ylim, title=title)
-    ax.legend(ncols=2, fontsize=10)
+    ax.legend(ncols=2, fontsize=SMALL, handlelength=1.4)
+    return fig
+
+
+def baseline_variance(estimates, title=""):
+    """Variance of a gradient estimate against the baseline: a parabola, its bottom marked. fig-54
+
+    estimates: {baseline: (n,)}, at least three, estimates of the same episodes.
+    """
+    fig, ax = new_figure(height=3.6)
+    b, variance = np.array(sorted(estimates), float), np.array([np.var(estimates[b]) for b in sorted(estimates)])
+    curve = np.polynomial.Polynomial.fit(b, variance, 2)  # (G - b) times the score: its variance is quadratic in b
+    x, best = np.linspace(b[0], b[-1], 200), float(curve.deriv().roots()[0])
+    ax.plot(x, curve(x), color=BLUE, ls="-")
+    ax.plot(b, variance, "o", color=BLUE, label="single-episode estimates")
+    ax.plot([best], [curve(best)], "X", color=RED, ms=11, label=f"best: b = {best:.1f}, variance {curve(best):.0f}")
+    ax.plot([0], [curve(0.0)], "s", color=BLACK, ms=9, label=f"none: b = 0, variance {curve(0.0):.0f}")
+    ax.set(xlabel="baseline b", ylabel="variance", ylim=(0, 1.1 * variance.max()), title=title)
+    ax.legend()
     return fig
 
 
@@ -84,7 +102,7 @@ def gradient_histograms(estimates: Curves, title: str = "") -> Figure:
         ax.hist(values.clip(-60, 60), edges, density=True, histtype="step", color=colour, lw=1.8, label=text)
     ax.axvline(0, color=GREY, ls="-", lw=0.8)
     ax.set(xlabel="gradient estimate of one episode", ylabel="density", title=title)
-    ax.legend(fontsize=10)
+    ax.legend(fontsize=SMALL)
     return fig
 
 
@@ -110,7 +128,7 @@ def bluff_paths(paths: Curves) -> Figure:
         ax.plot(*path.T, color=colour, ls=line, lw=1.2, label=label)
     ax.plot([1 / 3], [2 / 3], "X", color=BLACK, ms=11, label="equilibrium (1/3, 2/3)")
     ax.set(xlabel="probability of bluffing", ylabel="probability of calling", xlim=(0, 1), ylim=(0, 1))
-    ax.legend(fontsize=10)
+    ax.legend(fontsize=SMALL)
     return fig
 
 
@@ -119,10 +137,11 @@ def steps_balanced(blocks: Curves, *, block: int = 20, solved: float = 195, titl
     each `block` episodes. fig-56
     """
     fig, ax = new_figure(height=4.0)
-    for (label, runs), colour in zip(blocks.items(), (BLUE, RED, GREEN)):
+    for (label, runs), style in zip(blocks.items(), styles(blocks).values()):
         episode = block * (np.arange(runs.shape[1]) + 1)
-        band(ax, episode, runs.mean(axis=0), np.percentile(runs, [25, 75], axis=0), label, color=colour)
+        band(ax, episode, runs.mean(axis=0), np.percentile(runs, [25, 75], axis=0), label, **style)
     ax.axhline(solved, color=GREY, ls="--", lw=1.2, label=f"solved: {solved}")
-    ax.set(xlabel="episode", ylabel=f"steps, mean of {block} episodes", ylim=(0, 210), title=title)
-    ax.legend(loc="lower right")
+    ax.set(xlabel="episode", ylabel=f"steps, mean of {block} episodes", ylim=(0, 290), title=title)
+    ax.set_yticks(range(0, 201, 50))
+    ax.legend(loc="upper center", ncols=2, handlelength=1.6)
     return fig

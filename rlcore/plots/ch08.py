@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FixedLocator
 
-from rlcore.core.types import ArrayLike, Floats
-from rlcore.plots.style import PALETTE, Curves, Figure, Point, arrow, band, box, new_figure
+from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, new_figure, styles
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
-LINES = ("-", "--", ":", "-.")
 SYMLOG_TICKS = np.array([-30, -10, -3, -1, -0.5, 0, 0.5, 1])
 
 
@@ -31,19 +29,19 @@ def log_probability_step(
     left.spines[:].set_visible(True)
     middle.set(xlim=(0, 4), ylim=(0, 4))
     middle.axis("off")
-    box(middle, (2, 2), "network", width=2.2, height=1.1, fontsize=12)
+    box(middle, (2, 2), "network", width=2.2, height=1.1, fontsize=SMALL)
     arrow(middle, (0, 2), (0.9, 2))
     for y, number in zip(np.linspace(3.3, 0.7, len(names)), put):
         arrow(middle, (3.1, 2), (3.9, y))
         colour = RED if number else GREY
         middle.text(3.9, y + (0.35 if y > 2 else -0.35), f"{number:+.1f}" if number else "0", color=colour, ha="right",
-                    va="center", fontsize=13)  # fmt: skip
+                    va="center", fontsize=SMALL)  # fmt: skip
     y = np.arange(len(names))[::-1]
     right.barh(y + 0.19, before, height=0.34, color=GREY, label="before")
     right.barh(y - 0.19, after, height=0.34, color=BLUE, label="after")
-    right.set(yticks=y, yticklabels=names, xlabel="log probability", xlim=(-2.6, 0), ylim=(-0.6, len(names) + 0.1))
-    right.legend(ncols=2, fontsize=10, loc="upper center")
-    fig.suptitle(title, fontsize=13)
+    right.set(yticks=y, yticklabels=names, xlabel="log probability", xlim=(-2.6, 0), ylim=(-1.4, len(names) - 0.4))
+    right.legend(fontsize=SMALL, loc="lower left", handlelength=1)
+    fig.suptitle(title, fontsize=SMALL)
     return fig
 
 
@@ -56,13 +54,13 @@ def progress(
     level: (height, text) of a dashed line.
     """
     fig, ax = new_figure(height=3.8)
-    for (label, values), colour, line in zip(curves.items(), (BLUE, RED, GREEN, BLACK), LINES):
+    for (label, values), style in zip(curves.items(), styles(curves).values()):
         values = np.atleast_2d(values)
-        band(ax, x, values.mean(axis=0), [values.min(axis=0), values.max(axis=0)], label, color=colour, ls=line)
+        band(ax, x, values.mean(axis=0), [values.min(axis=0), values.max(axis=0)], label, **style)
     if level is not None:
         ax.axhline(level[0], color=GREY, ls="--", lw=1.2, label=level[1])
     ax.set(xlabel=xlabel, ylabel=ylabel, ylim=ylim, title=title, xscale="log" if logx else "linear")
-    ax.legend(fontsize=11)
+    ax.legend(fontsize=SMALL)
     return fig
 
 
@@ -81,7 +79,7 @@ def catch_rates(rates: Curves, *, width: int = 200) -> Figure:
         ax.axhline(0.2, color=GREY, ls="--", lw=1.2, label="at random")
         ax.set(xlabel="episode", title=label, ylim=(0, 1.02))
     axes[0, 0].set_ylabel("share caught")
-    axes[0, 0].legend(fontsize=10, loc="upper left")
+    axes[0, 0].legend(fontsize=SMALL, loc="upper left")
     return fig
 
 
@@ -96,12 +94,10 @@ def two_distances(theta: ArrayLike, kls: Curves) -> Figure:
     left.set(xlabel="parameter", ylabel="probability of action 1")
     right.bar(range(len(theta)), kls, color=RED, width=0.6)
     for i, value in enumerate(kls):
-        right.text(i, value * 1.15, f"{value:.4f}", ha="center", fontsize=11)
+        right.text(i, value * 1.15, f"{value:.2g}", ha="center", fontsize=SMALL)
     right.set(yscale="log", ylim=(min(kls) / 2, max(kls) * 3), ylabel="KL(old, new)")
-    right.set(
-        xticks=range(len(theta)), xticklabels=[f"{t:g} to {t + 1:g}" for t in theta], xlabel="step of the parameter"
-    )
-    right.tick_params(axis="x", labelsize=10)
+    right.set(xticks=range(len(theta)), xticklabels=[f"{t:g}→{t + 1:g}" for t in theta], xlabel="step of the parameter")
+    right.tick_params(axis="x", labelsize=SMALL)
     return fig
 
 
@@ -124,7 +120,7 @@ def two_searches(
         ax.add_patch(Circle(centre, radius, fill=False, ec=RED, lw=0.9, ls=":"))
     ax.plot(1, 1, "*", color=BLACK, ms=14, label="top")
     ax.set(xlabel="x", ylabel="y", xlim=xlim, ylim=ylim)
-    ax.legend(loc="lower right", fontsize=11)
+    ax.legend(loc="lower right", fontsize=SMALL)
     return fig
 
 
@@ -137,7 +133,8 @@ def minorize(theta: ArrayLike, performance: ArrayLike, bounds: Curves, path: Arr
     ax.plot(theta, performance, color=RED, ls="-", label="performance η")
     for k, bound in enumerate(bounds):
         last = k == len(bounds) - 1
-        label = "lower bound M" if last else None
+        below = np.all(bound <= performance + 1e-9)
+        label = ("lower bound M" if below else "M, above η: no bound") if last else None
         ax.plot(theta, bound, color=BLUE, ls="--" if last else ":", lw=2.2 if last else 1.0, label=label)
         ax.plot(
             path[k], np.interp(path[k], theta, performance), "o", color=BLACK if last else GREY, ms=8 if last else 5
@@ -146,35 +143,35 @@ def minorize(theta: ArrayLike, performance: ArrayLike, bounds: Curves, path: Arr
     ax.plot(path[-1], top, "^", color=BLUE, ms=9, label="its maximum: the next point")
     ax.plot([path[-1]] * 2, [top, np.interp(path[-1], theta, performance)], color=GREY, ls=":", lw=1.2)
     low, high = performance.min(), performance.max()
-    ax.set(xlabel="parameter θ", ylabel="expected return", ylim=(low - 0.5 * (high - low), high + 0.6 * (high - low)))
+    ax.set(xlabel="parameter θ", ylabel="expected return", ylim=(low - 0.5 * (high - low), high + 0.8 * (high - low)))
     ax.set(title=title)
-    ax.legend(fontsize=10, loc="upper left")
+    ax.legend(fontsize=SMALL, loc="upper left")
     return fig
 
 
 def kl_by_scale(scales: ArrayLike, kls: Curves, target: float) -> Figure:
     """KL of one update against the scale of the rewards, a line for each rule; kls: {label: (n,)}. ex-beta, cl-130"""
     fig, ax = new_figure(height=3.8)
-    for (label, values), colour, line, mark in zip(kls.items(), (RED, BLUE, GREEN), LINES, "os^"):
-        ax.plot(scales, values, mark, ls=line, color=colour, label=label)
+    for (label, values), style, mark in zip(kls.items(), styles(kls).values(), "os^"):
+        ax.plot(scales, values, label=label, **style | {"marker": mark})
     ax.axhline(target, color=GREY, ls="--", lw=1.2)
     ax.set(xscale="log", yscale="log", xlabel="rewards times", ylabel="mean KL(old, new)")
     ax.set(xticks=scales, xticklabels=[f"{scale:g}" for scale in scales])
-    ax.legend(fontsize=11)
+    ax.legend(fontsize=SMALL)
     return fig
 
 
 def kl_and_beta(runs: Curves, target: float) -> Figure:
     """Mean KL and coefficient of each update, one line a rule; runs: {label: Steps}. cl-127, cl-131"""
     fig, (top, bottom) = new_figure(2, 1, height=4.8, sharex=True)
-    for (label, run), colour, line in zip(runs.items(), (RED, BLUE, GREEN), LINES):
+    for (label, run), style in zip(runs.items(), styles(runs).values()):
         x = np.arange(1, len(run.kl) + 1)
-        top.plot(x, run.kl, color=colour, ls=line, label=label)
-        bottom.plot(x, run.beta, color=colour, ls=line)
+        top.plot(x, run.kl, label=label, **style)
+        bottom.plot(x, run.beta, **style)
     top.axhline(target, color=GREY, ls="--", lw=1.2)
     top.set(yscale="log", ylabel="mean KL")
     bottom.set(yscale="log", ylabel="β", xlabel="update")
-    top.legend(fontsize=10)
+    top.legend(fontsize=SMALL)
     return fig
 
 
@@ -186,13 +183,14 @@ def clip_term(
     ratio, unclipped, clipped: (n,), the two terms of the minimum. at: (ratio, value, slope). Shaded: where the
     unclipped term is the lower one.
     """
-    fig, ax = new_figure(height=4.0)
+    fig, ax = new_figure(height=4.8)
     low, high = min(unclipped.min(), clipped.min()), max(unclipped.max(), clipped.max())
     lower = unclipped < clipped - 1e-12
     ax.fill_between(
         ratio, low - 0.2, high + 0.2, where=lower, color=GREEN, alpha=0.15, lw=0, label="unclipped is lower"
     )
-    ax.plot(ratio, unclipped, color=GREY, ls="--", lw=1.4, label="unclipped, r A")
+    ax.plot(ratio, unclipped, color=GREY, ls="--", lw=1.8, label="unclipped, r A")
+    ax.plot(ratio, clipped, color=PALETTE["ochre"], ls="-.", lw=1.8, label="clipped")
     ax.plot(ratio, np.minimum(unclipped, clipped), color=BLUE, ls="-", lw=2.6, label="their minimum")
     r, value, slope = at
     ends = np.array([r - 0.35, r + 0.35])
@@ -203,7 +201,7 @@ def clip_term(
     ax.set(
         xlabel="ratio r", ylabel="one term of L", xlim=(ratio[0], ratio[-1]), ylim=(low - 0.2, high + 0.2), title=title
     )
-    ax.legend(fontsize=10, loc="upper left" if high > 0 else "lower left")
+    fig.legend(fontsize=SMALL, loc="outside lower center", ncols=2, handlelength=1.6)
     return fig
 
 
@@ -213,20 +211,17 @@ def returns_and_kl(curves: Curves, *, top: int = 500, title: str = "") -> Figure
     Bands: from the lowest to the highest seed; from the median to the largest KL.
     """
     fig, (upper, lower) = new_figure(2, 1, height=5.2, sharex=True)
-    for (label, of), colour, line in zip(curves.items(), (BLUE, RED, GREEN, BLACK), LINES):
+    for (label, of), style in zip(curves.items(), styles(curves).values()):
         x = np.arange(1, len(of["mean"]) + 1)
-        band(upper, x, of["mean"], [of["low"], of["high"]], label, color=colour, ls=line)
-        band(lower, x, of["kl"], [of["kl"], of["largest_kl"]], label, color=colour, ls=line)
+        band(upper, x, of["mean"], [of["low"], of["high"]], label, **style)
+        band(lower, x, of["kl"], [of["kl"], of["largest_kl"]], label, **style)
     upper.set(ylabel="return", ylim=(0, 1.04 * top), title=title)
     lower.set(ylabel="KL(old, new)", xlabel="rollout of 512 steps", yscale="log")
-    upper.legend(fontsize=11, loc="lower right")
+    upper.legend(fontsize=SMALL, loc="lower right")
     return fig
 
 
-def by_setting(
-    runs: Curves, xlabel: str, *, marks: Curves | None = None, mark_label: str = "", linear: float | None = None,
-    height: float = 4.4, title: str = "",
-) -> Figure:  # fmt: skip
+def by_setting(runs, xlabel, *, marks=None, mark_label="", linear=None, height=4.4, title="", ylabel=""):
     """Each run as a dot, a row for each setting, means as bars; runs: {label: (n,)}. fig-61, cl-138, cl-143
 
     marks: one more value for each setting, such as the published one. linear: beyond +-linear the scale is logarithmic.
@@ -238,14 +233,16 @@ def by_setting(
         ax.xaxis.set(major_locator=FixedLocator(linear * SYMLOG_TICKS), major_formatter="{x:g}")
     for row, values in zip(y, runs.values()):
         values = np.asarray(values)[np.isfinite(values)]
-        ax.plot(values, np.full(len(values), row), "o", color=BLUE, ms=5, alpha=0.45)
+        named = {"label": "one run"} if row == y[0] else {}
+        ax.plot(values, np.full(len(values), row), "o", color=BLUE, ms=5, alpha=0.45, **named)
         if len(values):
-            ax.plot([values.mean()] * 2, [row - 0.32, row + 0.32], color=BLUE, ls="-", lw=3)
+            named = {"label": "mean"} if row == y[0] else {}
+            ax.plot([values.mean()] * 2, [row - 0.32, row + 0.32], color=BLUE, ls="-", lw=3, **named)
     if marks is not None:
         ax.plot(marks, y, "D", color=RED, ms=6, label=mark_label)
-        ax.legend(fontsize=11, loc="lower left")
-    ax.set(xlabel=xlabel, yticks=y, yticklabels=list(runs), ylim=(-0.7, len(runs) - 0.3), title=title)
-    ax.tick_params(axis="y", labelsize=11)
+    fig.legend(fontsize=SMALL, loc="outside lower center", ncols=3, handlelength=1.2, frameon=False)
+    ax.set(xlabel=xlabel, yticks=y, yticklabels=list(runs), ylim=(-0.7, len(runs) - 0.3), title=title, ylabel=ylabel)
+    ax.tick_params(axis="y", labelsize=SMALL)
     return fig
 
 
@@ -257,10 +254,11 @@ def days_of_learning(days: Curves, title: str = "") -> Figure:
     units = (("years", 365.25, 730), ("days", 1, 2), ("hours", 1 / 24, 1 / 12), ("minutes", 1 / 1440, 1 / 720))
     for row, value in zip(y, days.values()):
         unit, size = next(((unit, size) for unit, size, least in units if value >= least), ("seconds", 1 / 86400))
-        ax.text(value * 1.4, row, f"{float(f'{value / size:.2g}'):,g} {unit}", va="center", fontsize=11)
-    for value, text in ((1, "day"), (365.25, "year"), (365.25 * 80, "lifetime")):
+        ax.text(value * 1.4, row, f"{float(f'{value / size:.2g}'):,g} {unit}", va="center", fontsize=SMALL)
+    for value, text, side in ((1, "day ", "right"), (365.25, " year", "left"), (365.25 * 80, " 80 years", "left")):
         ax.axvline(value, color=GREY, ls=":", lw=1.1)
-        ax.text(value, len(days) - 0.42, f" {text}", ha="left", fontsize=10, color=GREY)
-    ax.set(xscale="log", xlim=(1e-8, 1e9), ylim=(-0.6, len(days) - 0.1), xlabel="days", yticks=y)
+        height = len(days) - (0.42 if side == "right" or text == " year" else -0.1)
+        ax.text(value, height, text, ha=side, fontsize=SMALL, color=GREY)
+    ax.set(xscale="log", xlim=(1e-8, 1e9), ylim=(-0.6, len(days) + 0.6), xlabel="days", yticks=y)
     ax.set(yticklabels=list(days), title=title)
     return fig

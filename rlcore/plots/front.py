@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rlcore.bellman import greedy_actions, q_from_v
-from rlcore.core.results import Solution
-from rlcore.core.types import Cell
-from rlcore.mdp import FiniteMDP
-from rlcore.plots.style import PALETTE, Figure, heatmap, new_figure, text_colour
+from rlcore.plots.style import PALETTE, SMALL, heatmap, new_figure, text_colour
 
 ARROWS = {"up": (0, -1), "down": (0, 1), "right": (1, 0), "left": (-1, 0)}
 
@@ -21,7 +18,9 @@ def front_page(mdp: FiniteMDP, solution: Solution, sweep: int, shape: Cell) -> F
     best = greedy_actions(q_from_v(mdp, V, 1.0), tol=1e-6)
     for s, (row, col) in enumerate(np.ndindex(*shape)):
         colour = text_colour(image.cmap(image.norm(V[s])))
-        ax.text(col, row - 0.22, "goal" if mdp.terminal[s] else f"{V[s]:.1f}", ha="center", color=colour, fontsize=12)
+        ax.text(
+            col, row - 0.22, "goal" if mdp.terminal[s] else f"{V[s]:.1f}", ha="center", color=colour, fontsize=SMALL
+        )
         for a in np.flatnonzero(best[s] & (not mdp.terminal[s]) & ~best[s].all()):
             dx, dy = ARROWS[mdp.action_names[a]]
             tip = {"arrowstyle": "-|>", "color": colour, "lw": 1.4}
