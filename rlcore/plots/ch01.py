@@ -148,7 +148,7 @@ def _square(x, y, colour):
     return Rectangle((x, y), 1, 1, fc=colour, ec=PALETTE["grey"], lw=1.2)
 
 
-def cart_pole(states):
+def cart_pole(states: ArrayLike) -> Figure:
     """A cart with its pole at the last of the states (T, 4), those just before pale, and the limits. fig-2"""
     fig, ax = new_diagram((-2.9, 2.9), (-0.5, 2.0))
     ax.plot([-2.4, 2.4], [0, 0], color=PALETTE["black"], ls="-", lw=1.5)
@@ -166,7 +166,7 @@ def cart_pole(states):
     return fig
 
 
-def cart_pole_strip(states, steps):
+def cart_pole_strip(states: ArrayLike, steps: Sequence[int]) -> Figure:
     """The cart and its pole after several numbers of steps, a picture for each, in rows of three. fig-2, fig-56
 
     states: (T, 4). steps: which of the states.

@@ -1,6 +1,10 @@
 """Figures of chapter 3: models, planning in them, and what learns without them."""
 
+from __future__ import annotations
+
 import textwrap
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np

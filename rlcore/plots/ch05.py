@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rlcore.plots.style import PALETTE, SMALL, arrow, band, new_diagram, new_figure, styles
+from rlcore.core.types import ArrayLike, Floats
+from rlcore.plots.style import PALETTE, SMALL, Curves, Figure, Point, arrow, band, new_diagram, new_figure, styles
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 
@@ -77,7 +78,7 @@ def time_line(states: ArrayLike, t: int, heights: ArrayLike, title: str, *, forw
     return fig
 
 
-def visit_credits(states, t, gamma_lam, trace, alpha=1.0):
+def visit_credits(states: ArrayLike, t: int, gamma_lam: float, trace: str, alpha: float = 1.0) -> Floats:
     """What each visit up to time t has left in the trace of its state at time t, (t + 1,). fig-27
 
     A visit fades by gamma_lam a step. trace: "accumulating" visits add up, "replacing" keeps the last one of a state
@@ -89,7 +90,7 @@ def visit_credits(states, t, gamma_lam, trace, alpha=1.0):
     return float(gamma_lam) ** (t - k) * kept**later
 
 
-def trace_courses(courses, visits, title=""):
+def trace_courses(courses: Curves, visits: ArrayLike, title: str = "") -> Figure:
     """The trace of one state in time, a panel for each kind, its visits marked. fig-26; courses: {kind: (n,)}."""
     fig, axes = new_figure(len(courses), 1, height=5.4, sharex=True, sharey=True)
     for ax, (kind, course), style in zip(axes, courses.items(), styles(courses).values()):
@@ -121,7 +122,7 @@ def sweep(
     return fig
 
 
-def cut_histogram(cuts, title, *, steps=None):
+def cut_histogram(cuts: ArrayLike, title: str, *, steps: int | None = None) -> Figure:
     """How many steps a trace grows before an exploratory action cuts it. fig-29
 
     steps: all steps taken, also those of traces that the goal ended; with it the title tells how many there are to a

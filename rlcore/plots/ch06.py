@@ -7,7 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from rlcore.plots.style import PALETTE, SMALL, arrow, band, circle, new_diagram, new_figure, styles
+from rlcore.core.types import ArrayLike
+from rlcore.plots.style import (
+    PALETTE,
+    SMALL,
+    Curves,
+    Figure,
+    Point,
+    arrow,
+    band,
+    circle,
+    new_diagram,
+    new_figure,
+    styles,
+)
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 MOST = 10  # neurons of a layer that are drawn one by one
@@ -75,7 +88,9 @@ def _heights(ids, n):
     return dict(zip(ids, 0.5 - (slots + 0.5) / (slots[-1] + 1)))
 
 
-def activation(curves, x=None, *, xlabel="z", title="", ylim=None):
+def activation(
+    curves: Curves, x: ArrayLike | None = None, *, xlabel: str = "z", title: str = "", ylim: Point | None = None
+) -> Figure:
     """Activation functions and their derivatives; curves: {label: (x, y)}; x: a marked input. fig-33, fig-34"""
     fig, ax = new_figure(height=3.6)
     for (label, (at, y)), style in zip(curves.items(), styles(curves).values()):

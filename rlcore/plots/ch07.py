@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rlcore.plots.style import PALETTE, SMALL, band, new_figure, styles
+from rlcore.core.types import ArrayLike
+from rlcore.plots.style import PALETTE, SMALL, Curves, Figure, Point, band, new_figure, styles
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 
@@ -75,7 +76,7 @@ def returns_by_episode(
     return fig
 
 
-def baseline_variance(estimates, title=""):
+def baseline_variance(estimates: Curves, title: str = "") -> Figure:
     """Variance of a gradient estimate against the baseline: a parabola, its bottom marked. fig-54
 
     estimates: {baseline: (n,)}, at least three, estimates of the same episodes.

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FixedLocator
 
-from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, new_figure, styles
+from rlcore.core.types import ArrayLike, Floats
+from rlcore.plots.style import PALETTE, SMALL, Curves, Figure, Point, arrow, band, box, new_figure, styles
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 SYMLOG_TICKS = np.array([-30, -10, -3, -1, -0.5, 0, 0.5, 1])
@@ -221,7 +222,17 @@ def returns_and_kl(curves: Curves, *, top: int = 500, title: str = "") -> Figure
     return fig
 
 
-def by_setting(runs, xlabel, *, marks=None, mark_label="", linear=None, height=4.4, title="", ylabel=""):
+def by_setting(
+    runs: Curves,
+    xlabel: str,
+    *,
+    marks: Curves | None = None,
+    mark_label: str = "",
+    linear: float | None = None,
+    height: float = 4.4,
+    title: str = "",
+    ylabel: str = "",
+) -> Figure:
     """Each run as a dot, a row for each setting, means as bars; runs: {label: (n,)}. fig-61, cl-138, cl-143
 
     marks: one more value for each setting, such as the published one. linear: beyond +-linear the scale is logarithmic.

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from rlcore.bellman import greedy_actions, q_from_v
-from rlcore.plots.style import PALETTE, SMALL, heatmap, new_figure, text_colour
+from rlcore.core.results import Solution
+from rlcore.core.types import Cell
+from rlcore.mdp import FiniteMDP
+from rlcore.plots.style import PALETTE, SMALL, Figure, heatmap, new_figure, text_colour
 
 ARROWS = {"up": (0, -1), "down": (0, 1), "right": (1, 0), "left": (-1, 0)}
 
