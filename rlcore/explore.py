@@ -168,14 +168,32 @@ def explore(
     draw: Callable[..., Any], *, title: str, alt: Callable[..., str] | None = None, fmt: str = "svg",
     labels: dict[str, str] | None = None, **choices: Any,
 ) -> Explorer:  # fmt: skip
-    """Show ``draw(**values)`` for every combination of the choices, with a control for each choice.
+    """Show a figure for every combination of the choices, with a control for each choice.
 
-    draw: called with one value per choice; returns a matplotlib Figure. title: shown above the controls.
-    alt: called like draw; returns the text that says what the picture shows. fmt: "svg", or "png" for pictures with
-    very many points. labels: name -> legend, where the name itself (gamma is written γ) does not do.
-    choices: name=[value, ...], numbers or words, the first value of each shown first; at most 40 combinations.
+    Parameters
+    ----------
+    draw : Callable[..., Any]
+        Called with one value for each choice; returns a matplotlib Figure.
+    title : str
+        Shown above the controls.
+    alt : Callable[..., str] | None
+        Called like draw; returns the text that says what the picture shows.
+    fmt : str
+        "svg", or "png" for pictures with very many points.
+    labels : dict[str, str] | None
+        Maps a name to its legend, where the name itself (gamma is written γ) does not do.
+    **choices : Any
+        name=[value, ...], numbers or words, the first value of each shown first; at most 40 combinations.
 
-    Raises: ValueError on an unusable argument, and where draw does not return a Figure.
+    Returns
+    -------
+    Explorer
+        It shows itself in a notebook.
+
+    Raises
+    ------
+    ValueError
+        Where an argument cannot be used, and where draw does not return a Figure.
     """
     from rlcore.plots.style import encode
 
