@@ -113,22 +113,22 @@ class Api(SphinxDirective):
         text, sections = split(inspect.cleandoc(own) if own else "")
         body = self.paragraphs(text)
         for title, lines in sections:
-            body += [nodes.paragraph("", "", nodes.strong("", title)), *SECTIONS[title](self, lines)]
+            body += SECTIONS[title](self, title, lines)
         return nodes.definition_list_item("", term, nodes.definition("", *body))
 
-    def described(self, lines):
-        """Names or types, each with what is said about it, as a list."""
-        found = nodes.definition_list(classes=["arguments"])
+    def described(self, title, lines):
+        """Names or types, each on a line with what is said about it."""
+        found = nodes.line_block("", nodes.line("", "", nodes.strong("", title)), classes=["doc"])
         for item in re.split(r"\n(?=\S)", "\n".join(lines)):
             name, _, text = item.partition("\n")
-            body = nodes.definition("", nodes.paragraph("", "", *self.inline(" ".join(text.split()))))
-            found += nodes.definition_list_item("", nodes.term("", "", nodes.literal("", name)), body)
+            found += nodes.line("", "", nodes.literal("", name), nodes.Text(" "), *self.inline(" ".join(text.split())))
         return [found]
 
-    def prose(self, lines):
-        return self.paragraphs("\n".join(lines))
+    def prose(self, title, lines):
+        text = self.inline(" ".join(" ".join(lines).split()))
+        return [nodes.line_block("", nodes.line("", "", nodes.strong("", f"{title} "), *text), classes=["doc"])]
 
-    def example(self, lines):
+    def example(self, title, lines):
         return [nodes.literal_block("", "\n".join(lines), language="pycon")]
 
     def elsewhere(self, identity, name, home):
