@@ -54,13 +54,52 @@ def batch_mc(
     episodes: Episodes, n_states: int, gamma: float, *, unvisited: float = 0.0, alpha: float | None = None,
     tol: float = 1e-10, max_sweeps: int = 100_000, each: bool = False,
 ) -> Floats:  # fmt: skip
-    """V (S,) with the least squared error on the episodes: the mean return of each state. alg-batch-mc, cl-048
+    """The values with the least squared error on the episodes: the mean return of each state.
 
-    episodes: Trajectories, or pairs (states (T + 1,), rewards (T,)), each run to its end: the last state is terminal
-    and worth 0. Every visit counts. unvisited: value of states that no episode meets. each: V after the first episode,
-    the first two, ..., as (n_episodes, S). alpha: None for the mean itself; a step size to reach it by sweeps that add
-    up alpha (G - V(s)) over all visits before V changes, from `unvisited` on until no V(s) changes by tol.
-    Raises ValueError where the sweeps diverge. Source: Sutton and Barto (2018), section 6.3.
+    Parameters
+    ----------
+    episodes : Episodes
+        Trajectories, or pairs (states (T + 1,), rewards (T,)), each run to its end: the last state is terminal and
+        worth 0. Every visit counts.
+    n_states : int
+        Number of states, S.
+    gamma : float
+        Discount, in [0, 1].
+    unvisited : float
+        Value of states that no episode meets.
+    alpha : float | None
+        None for the mean itself; a step size to reach it by sweeps that add up alpha (G - V(s)) over all visits before
+        V changes.
+    tol : float
+        Sweeps end where no V(s) changes by it.
+    max_sweeps : int
+        Most sweeps.
+    each : bool
+        V after the first episode, the first two, ..., as (n_episodes, S).
+
+    Returns
+    -------
+    Floats
+        (S,); with each, (n_episodes, S).
+
+    Raises
+    ------
+    ValueError
+        Where the sweeps diverge.
+
+    Notes
+    -----
+    Ledger: alg-batch-mc, cl-048.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 6.3.
+
+    Examples
+    --------
+    >>> from rlcore import batch_mc
+    >>> batch_mc([([0, 1, 2], [0.0, 0.0]), ([1, 2], [1.0]), ([1, 2], [1.0]), ([1, 2], [1.0])], 3, 1.0)
+    array([0.  , 0.75, 0.  ])
     """
     batch = _pool(episodes, n_states)
     G = np.concatenate([discounted_returns(rewards, gamma) for rewards in batch.rewards])
@@ -86,12 +125,52 @@ def batch_td(
     episodes: Episodes, n_states: int, gamma: float, *, alpha: float = 1e-3, tol: float = 1e-10, V0: ArrayLike = 0.0,
     max_sweeps: int = 100_000,
 ) -> Floats:  # fmt: skip
-    """V (S,) that batch TD(0) settles at, the certainty-equivalence estimate. alg-batch-td, cl-046, cl-050
+    """The values that batch TD(0) settles at, the certainty-equivalence estimate.
 
     Each sweep adds up alpha (r + gamma V(s') - V(s)) over all steps of all episodes before V changes, until no V(s)
-    changes by tol. episodes: as for `batch_mc`. alpha: at most 1 / (visits of a state) is safe. V0: a number or (S,);
-    states that no episode meets keep it. Raises ValueError where the sweeps diverge.
-    Source: Sutton and Barto (2018), section 6.3.
+    changes by tol.
+
+    Parameters
+    ----------
+    episodes : Episodes
+        As for `batch_mc`.
+    n_states : int
+        Number of states, S.
+    gamma : float
+        Discount, in [0, 1].
+    alpha : float
+        At most 1 / (visits of a state) is safe.
+    tol : float
+        The sweeps end where no V(s) changes by it.
+    V0 : ArrayLike
+        A number or (S,); states that no episode meets keep it.
+    max_sweeps : int
+        Most sweeps.
+
+    Returns
+    -------
+    Floats
+        (S,).
+
+    Raises
+    ------
+    ValueError
+        Where the sweeps diverge.
+
+    Notes
+    -----
+    Ledger: alg-batch-td, cl-046, cl-050.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 6.3.
+
+    Examples
+    --------
+    >>> from rlcore import batch_td
+    >>> episodes = [([0, 1, 2], [0.0, 0.0]), ([1, 2], [1.0]), ([1, 2], [1.0]), ([1, 2], [1.0])]
+    >>> batch_td(episodes, 3, 1.0, alpha=0.1).round(6)
+    array([0.75, 0.75, 0.  ])
     """
     batch = _pool(episodes, n_states)
     s, s_next = batch.s, batch.s_next
@@ -107,9 +186,40 @@ def batch_td(
 def certainty_equivalence(
     episodes: Episodes, n_states: int, gamma: float, *, unvisited: float = 0.0, each: bool = False
 ) -> Floats:
-    """v (S,) of the most likely Markov process: transitions and rewards as counted. alg-certainty-equivalence, cl-050
+    """The values of the most likely Markov process: transitions and rewards as counted.
 
-    episodes, unvisited, each: as for `batch_mc`. Source: Sutton and Barto (2018), section 6.3.
+    Parameters
+    ----------
+    episodes : Episodes
+        As for `batch_mc`.
+    n_states : int
+        Number of states, S.
+    gamma : float
+        Discount, in [0, 1].
+    unvisited : float
+        Value of states that no episode meets.
+    each : bool
+        V after the first episode, the first two, ..., as (n_episodes, S).
+
+    Returns
+    -------
+    Floats
+        (S,); with each, (n_episodes, S).
+
+    Notes
+    -----
+    Ledger: alg-certainty-equivalence, cl-050.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 6.3.
+
+    Examples
+    --------
+    >>> from rlcore import certainty_equivalence
+    >>> episodes = [([0, 1, 2], [0.0, 0.0]), ([1, 2], [1.0]), ([1, 2], [1.0]), ([1, 2], [1.0])]
+    >>> certainty_equivalence(episodes, 3, 1.0)
+    array([0.75, 0.75, 0.  ])
     """
     batch = _pool(episodes, n_states)
     N, total = _sums(batch, 1.0, each), _sums(batch, batch.r, each)

@@ -16,10 +16,28 @@ from rlcore.neurons import log_softmax
 
 @dataclass(frozen=True, eq=False)
 class Categorical:
-    """Softmax over A actions; every method treats each row of the batch alone. om-softmax, alg-softmax-policy
+    """Softmax over A actions; every method treats each row of the batch alone.
 
-    logits: (B, A), or (A,) for one state; their dtype is kept. Gradients are with respect to the logits, (B, A).
-    Source: Sutton and Barto (2018), (13.2).
+    Gradients are with respect to the logits, (B, A).
+
+    Parameters
+    ----------
+    logits : np.ndarray
+        (B, A), or (A,) for one state; their dtype is kept.
+
+    Notes
+    -----
+    Ledger: om-softmax, alg-softmax-policy.
+
+    References
+    ----------
+    Sutton and Barto (2018), (13.2).
+
+    Examples
+    --------
+    >>> from rlcore import Categorical
+    >>> Categorical([0.0, 0.0]).probs
+    array([0.5, 0.5])
     """
 
     logits: np.ndarray
@@ -83,9 +101,25 @@ class Categorical:
 class Gaussian:
     """Normal distribution over d continuous actions that do not depend on each other; each row of the batch alone.
 
-    mean: (B, d), or (d,) for one state. log_std: (d,) for one spread in all states, or the shape of mean. Gradients are
-    pairs, with respect to (mean, log_std), each of mean's shape: where log_std is shared, sum them over the batch.
-    Source: Sutton and Barto (2018), section 13.7; Williams (1992), section 6.
+    Gradients are pairs, with respect to (mean, log_std), each of mean's shape: where log_std is shared, sum them over
+    the batch.
+
+    Parameters
+    ----------
+    mean : np.ndarray
+        (B, d), or (d,) for one state.
+    log_std : np.ndarray
+        (d,) for one spread in all states, or the shape of mean.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 13.7; Williams (1992), section 6.
+
+    Examples
+    --------
+    >>> from rlcore import Gaussian
+    >>> Gaussian([0.0, 1.0], [0.0, 0.0]).entropy().round(4)
+    np.float64(2.8379)
     """
 
     mean: np.ndarray

@@ -31,12 +31,45 @@ def gae(
     rewards: ArrayLike, values: ArrayLike, next_values: ArrayLike, terminated: ArrayLike, truncated: ArrayLike,
     gamma: float, lam: float,
 ) -> Floats:  # fmt: skip
-    """Generalised advantage estimates: sums of (gamma lam)^l delta_{t+l} within the episode. om-gae, alg-gae
+    """Generalised advantage estimates: sums of (gamma lam)^l delta_{t+l} within the episode.
 
-    All arrays: (T,), or (T, N) for N environments side by side. values: v_hat(s_t). next_values: v_hat of the state
-    that step t led to, also where the episode was cut there. A terminal state is worth 0 whatever next_values says; a
-    truncated one keeps its value. Both end the sum. Returns the shape of rewards.
-    Source: Schulman et al. (2016), (16).
+    A terminal state is worth 0 whatever next_values says; a truncated one keeps its value. Both end the sum.
+
+    Parameters
+    ----------
+    rewards : ArrayLike
+        (T,), or (T, N) for N environments side by side.
+    values : ArrayLike
+        v_hat(s_t), like rewards.
+    next_values : ArrayLike
+        v_hat of the state that step t led to, also where the episode was cut there; like rewards.
+    terminated : ArrayLike
+        Whether that state is terminal, like rewards.
+    truncated : ArrayLike
+        Whether the episode was cut there, like rewards.
+    gamma : float
+        Discount, in [0, 1].
+    lam : float
+        In [0, 1].
+
+    Returns
+    -------
+    Floats
+        Of the shape of rewards.
+
+    Notes
+    -----
+    Ledger: om-gae, alg-gae.
+
+    References
+    ----------
+    Schulman et al. (2016), (16).
+
+    Examples
+    --------
+    >>> from rlcore.gae import gae
+    >>> gae([1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [False, True], [False, False], 1.0, 0.5)
+    array([1.5, 1. ])
     """
     delta = rewards + gamma * next_values * ~terminated - values  # om-gae
     decay = gamma * lam * ~(terminated | truncated)

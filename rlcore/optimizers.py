@@ -19,10 +19,34 @@ def _decay(name, value, given):
 
 
 class SGD:
-    """Gradient descent, with momentum if wanted; stochastic if the gradient is that of a minibatch. om-sgd
+    """Gradient descent, with momentum if wanted; stochastic if the gradient is that of a minibatch.
 
     update(theta, gradient) changes theta in place: v <- momentum v + gradient, theta <- theta - lr v. lr may be
-    changed between updates. Source: Polyak (1964); Nielsen (2015), chapter 3.
+    changed between updates.
+
+    Parameters
+    ----------
+    lr : float
+        Learning rate, above 0.
+    momentum : float
+        In [0, 1).
+
+    Notes
+    -----
+    Ledger: om-sgd.
+
+    References
+    ----------
+    Polyak (1964); Nielsen (2015), chapter 3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import SGD
+    >>> theta = np.array([1.0, 2.0])
+    >>> SGD(0.1).update(theta, [1.0, 1.0])
+    >>> theta
+    array([0.9, 1.9])
     """
 
     @checked(momentum=_decay)
@@ -42,7 +66,31 @@ GradientDescent = SGD
 class Adam:
     """Steps scaled by running means of the gradient and of its square.
 
-    update(theta, gradient) changes theta in place. Source: Kingma and Ba (2015), algorithm 1.
+    update(theta, gradient) changes theta in place.
+
+    Parameters
+    ----------
+    lr : float
+        Learning rate, above 0.
+    beta1 : float
+        Decay of the mean of the gradient, in [0, 1).
+    beta2 : float
+        Decay of the mean of its square, in [0, 1).
+    eps : float
+        Added to the root of the latter, above 0.
+
+    References
+    ----------
+    Kingma and Ba (2015), algorithm 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import Adam
+    >>> theta = np.array([1.0, 2.0])
+    >>> Adam(0.1).update(theta, [1.0, -3.0])
+    >>> theta.round(6)
+    array([0.9, 2.1])
     """
 
     @checked(beta1=_decay, beta2=_decay, eps=check_positive)
@@ -86,10 +134,35 @@ def _check_gradient(theta, gradient, state):
 
 @checked(gradient=function_of("a number"), v=check_finite, epsilon=check_finite)
 def gradient_descent(gradient: Callable[[float], float], v: float, epsilon: float, n_steps: int) -> Floats:
-    """v_0 ... v_n of v <- v - epsilon C'(v), shape (n_steps + 1,). fig-11, ex-learning-rate
+    """The points v_0 ... v_n of v <- v - epsilon C'(v).
 
-    gradient: C', a function of one number. v: start. epsilon: the learning rate; a negative one ascends.
     On C(v) = L v^2 / 2 each step multiplies v by 1 - epsilon L: it converges for 0 < epsilon < 2 / L.
+
+    Parameters
+    ----------
+    gradient : Callable[[float], float]
+        C', a function of one number.
+    v : float
+        Where it starts.
+    epsilon : float
+        The learning rate; a negative one ascends.
+    n_steps : int
+        Number of steps.
+
+    Returns
+    -------
+    Floats
+        (n_steps + 1,).
+
+    Notes
+    -----
+    Ledger: fig-11, ex-learning-rate.
+
+    Examples
+    --------
+    >>> from rlcore import gradient_descent
+    >>> gradient_descent(lambda v: 2 * v, 1.0, 0.25, 3)
+    array([1.   , 0.5  , 0.25 , 0.125])
     """
     history = [v]
     for _ in range(n_steps):

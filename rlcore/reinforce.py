@@ -59,18 +59,66 @@ def reinforce(
     every_step: bool = False, discount_states: bool = False, p_min: float = 0.0, max_steps: int | None = None,
     record: int = 0, rng: Rng,
 ) -> Run:  # fmt: skip
-    """Gradient ascent on J with the returns of whole episodes. alg-reinforce, alg-reinforce-baseline, fig-52, om-score
+    """Gradient ascent on J with the returns of whole episodes.
 
-    The policy is a softmax in theta . x(s), see `softmax_policy`. world: FiniteMDP, gymnasium.Env with Discrete spaces
-    or its id. alpha: step size, or decaying(...) with the episodes. baseline: None; a number; or "value", a v_hat
-    learned from the returns with step size alpha_w (om-baseline-update). features: x, (S, d), of policy and v_hat; one
-    a state where None. theta0: a number or (A, d). w0: a number or (d,). every_step: theta moves after each step of the
-    finished episode instead of once. discount_states: with the gamma^t of the theorem. p_min: floor of the
-    probabilities; without it large step sizes end in a policy that is all but deterministic, whose episodes may never
-    end. max_steps: an episode that long is cut; its returns, like those of a truncated one, go on with v_hat of the
-    state it was left in, and end there where no v_hat is learned. record: history keeps theta before the first and
-    after each record-th episode. Returns a Run: weights is theta, V (S,) v_hat where it is learned.
-    Source: Williams (1992); Sutton and Barto (2018), sections 13.3 and 13.4.
+    The policy is a softmax in theta . x(s), see `softmax_policy`.
+
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium.Env with Discrete spaces or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : Rate
+        Step size, or decaying(...) with the episodes.
+    baseline : str | None
+        None; a number; or "value", a v_hat learned from the returns with step size alpha_w.
+    alpha_w : Rate
+        Step size of v_hat.
+    features : ArrayLike | None
+        x, (S, d), of policy and v_hat; one a state where None.
+    theta0 : ArrayLike
+        A number or (A, d).
+    w0 : ArrayLike
+        A number or (d,).
+    every_step : bool
+        theta moves after each step of the finished episode instead of once.
+    discount_states : bool
+        With the gamma^t of the theorem.
+    p_min : float
+        Floor of the probabilities; without it large step sizes end in a policy that is all but deterministic, whose
+        episodes may never end.
+    max_steps : int | None
+        An episode that long is cut; its returns, like those of a truncated one, go on with v_hat of the state it was
+        left in, and end there where no v_hat is learned.
+    record : int
+        history keeps theta before the first and after each record-th episode; 0 keeps none.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        weights is theta; V is v_hat where it is learned.
+
+    Notes
+    -----
+    Ledger: alg-reinforce, alg-reinforce-baseline, fig-52, om-score, om-baseline-update.
+
+    References
+    ----------
+    Williams (1992); Sutton and Barto (2018), sections 13.3 and 13.4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore.envs.small import short_corridor
+    >>> from rlcore.reinforce import reinforce
+    >>> rng = np.random.default_rng(0)
+    >>> reinforce(short_corridor(), 1.0, 200, alpha=0.01, features=[[1.0]] * 4, max_steps=200, rng=rng).weights.shape
+    (2, 1)
     """
     theta, w, (b, learned), (X, legal) = theta0, w0, baseline, features
     returns, lengths, history = log(theta, n_episodes, record)
@@ -156,13 +204,52 @@ def reinforce_network(
     alpha_w: float = 0.01, net: Network | None = None, critic: Network | None = None, discount_states: bool = False,
     max_steps: int | None = None, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
-    """REINFORCE for a policy that is a network: states are vectors, actions discrete. alg-reinforce, fig-56
+    """REINFORCE for a policy that is a network: states are vectors, actions discrete.
 
-    world: gymnasium.Env with Box observations of shape (n,), or its id. net: maps them to the logits of the actions;
-    MLP or TorchNet with an optimizer, where None an MLP with 32 tanh neurons and Adam(alpha). baseline: None; a number;
-    "value", the critic's v_hat, as net is, with Adam(alpha_w); "time", the mean of the earlier episodes' G_t; or
-    "normalised", which centres and scales the episode's own returns. Others: as in `reinforce`; step sizes are numbers.
-    on_episode(return, steps_so_far): called after each; True ends the training. Run.policy is net, Run.V critic.
+    Parameters
+    ----------
+    world : World
+        gymnasium.Env with Box observations of shape (n,), or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : float
+        Step size of the policy.
+    baseline : str | None
+        None; a number; "value", the critic's v_hat; "time", the mean of the earlier episodes' G_t; or "normalised",
+        which centres and scales the episode's own returns.
+    alpha_w : float
+        Step size of v_hat.
+    net : Network | None
+        Maps observations to the logits of the actions; MLP or TorchNet with an optimizer, where None an MLP with 32
+        tanh neurons and Adam(alpha).
+    critic : Network | None
+        As net is, with one output and Adam(alpha_w).
+    discount_states : bool
+        With the gamma^t of the theorem.
+    max_steps : int | None
+        An episode that long is cut; None needs a policy that ends every episode.
+    on_episode : OnEpisode | None
+        Called as on_episode(return, steps so far) after each; True ends the training.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        policy is net, V the critic.
+
+    Notes
+    -----
+    Ledger: alg-reinforce, fig-56.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import reinforce_network
+    >>> reinforce_network("CartPole-v1", 0.99, 3, rng=np.random.default_rng(0)).returns.shape
+    (3,)
     """
     net, critic = make_networks(world, net, critic if baseline == "value" else False, alpha, alpha_w, rng)
     returns, lengths, earlier = [], [], TimeBaseline()

@@ -119,17 +119,39 @@ def sweep(
     function: Callable[..., Any], settings: Sequence[dict[str, Any]], seeds: Iterable[int], store: File,
     executor: Executor | None = None, *, progress: bool | None = None,
 ) -> list[Record]:  # fmt: skip
-    """[Record], one for each setting and each seed (seeds vary faster), of function(**setting, rng=default_rng(seed)).
+    """Many runs: function(**setting, rng=default_rng(seed)) for each setting and each seed, on many processes.
 
-    function: at the top level of a module, or of a script with `if __name__ == "__main__":`, so that workers can
-    import it. The rng depends on the seed alone: every setting meets the same randomness, and a run can be repeated by
-    hand. settings: list of dicts of keyword arguments. Settings and results are JSON data; NumPy's numbers and arrays
-    become Python's, tuples lists. seeds: whole numbers, at least 0. store: folder, one file for each run that has
-    ended. Those runs are not repeated, unless they failed. The store knows functions by name: after a change of code
-    take a new one; and one sweep at a time. executor: any concurrent.futures.Executor, such as Dask's
-    `client.get_executor()`; by default a process of one thread for each core. progress: a line on stderr; by default
-    where that is a terminal. A run that fails leaves its traceback, and the others go on. Warns of failed runs, and of
-    files in the store that are not whole records: they do not count. Raises ValueError for bad input, before any run.
+    A run that fails leaves its traceback, and the others go on. Warns of failed runs, and of files in the store that
+    are not whole records: they do not count.
+
+    Parameters
+    ----------
+    function : Callable[..., Any]
+        At the top level of a module, or of a script with `if __name__ == "__main__":`, so that workers can import it.
+        The rng depends on the seed alone: every setting meets the same randomness, and a run can be repeated by hand.
+    settings : Sequence[dict[str, Any]]
+        List of dicts of keyword arguments. Settings and results are JSON data; NumPy's numbers and arrays become
+        Python's, tuples lists.
+    seeds : Iterable[int]
+        Whole numbers, at least 0.
+    store : File
+        Folder, one file for each run that has ended. Those runs are not repeated, unless they failed. The store knows
+        functions by name: after a change of code take a new one; and one sweep at a time.
+    executor : Executor | None
+        Any concurrent.futures.Executor, such as Dask's `client.get_executor()`; by default a process of one thread for
+        each core.
+    progress : bool | None
+        A line on stderr; by default where that is a terminal.
+
+    Returns
+    -------
+    list[Record]
+        One for each setting and each seed; seeds vary faster.
+
+    Raises
+    ------
+    ValueError
+        For bad input, before any run.
     """
     name, store = function.__qualname__, _made(store)
     runs = {_file_name(name, setting, seed): (setting, seed) for setting in settings for seed in seeds}

@@ -32,9 +32,22 @@ def _module(name, module, given):
 class TorchNet:
     """Any torch module with the forward, backward, step and theta of `MLP`; autograd does the backward pass.
 
-    module: a torch.nn.Module from (d,) or (B, d) to outputs; its parameters become views of theta where it lives on the
-    CPU, and are read from theta before each forward pass where it does not. optimizer: as for `MLP`; lr: short for
-    Adam(lr).
+    Parameters
+    ----------
+    module : torch.nn.Module
+        A torch.nn.Module from (d,) or (B, d) to outputs; its parameters become views of theta where it lives on the
+        CPU, and are read from theta before each forward pass where it does not.
+    optimizer : Optimizer | None
+        What `step` uses, an SGD or Adam of its own.
+    lr : float | None
+        Short for Adam(lr).
+
+    Examples
+    --------
+    >>> import torch
+    >>> from rlcore import TorchNet
+    >>> TorchNet(torch.nn.Linear(3, 2), lr=0.01).n_parameters
+    8
     """
 
     @checked(module=_module)

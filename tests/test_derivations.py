@@ -1,6 +1,5 @@
 """Every step of every derivation, read from the page and evaluated on processes; and each step broken on purpose."""
 
-
 import pytest
 from derivations import HARMLESS, REGISTRY, anchors, broken, check, derivations, difference, lines
 from latex import NOTICED
