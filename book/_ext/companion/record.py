@@ -55,8 +55,10 @@ def place(raw, node):
     """At the end of the paragraph, in the equation that follows, or in a paragraph of its own."""
     parent = raw.parent
     if isinstance(parent, nodes.TextElement):
-        parent += node
-        return
+        if not all(isinstance(child, (nodes.raw, nodes.superscript)) for child in parent):
+            parent += node
+            return
+        raw, parent = parent, parent.parent  # a line of anchors alone
     after = parent[parent.index(raw) + 1 :]
     follower = next((n for n in after if not isinstance(n, (nodes.raw, nodes.comment, nodes.target))), None)
     if isinstance(follower, nodes.math_block):
