@@ -63,9 +63,7 @@ def test_dots_stand_in_a_gap_between_neurons(sizes):
 
 def test_a_bracket_spans_each_pair():
     ax = plots.network_diagram([1, 6, 1], brackets=True).axes[0]
-    neurons = sorted(
-        line.get_ydata()[0] for line in ax.lines if line.get_marker() == "o" and line.get_xdata()[0] == 1
-    )
+    neurons = sorted(line.get_ydata()[0] for line in ax.lines if line.get_marker() == "o" and line.get_xdata()[0] == 1)
     spans = [(min(line.get_ydata()), max(line.get_ydata())) for line in ax.lines if len(line.get_xdata()) == 4]
     for (low, high), pair in zip(sorted(spans), np.reshape(neurons, (3, 2)), strict=True):
         assert low < pair[0] < pair[1] < high
