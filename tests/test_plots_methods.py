@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rlcore import plots
-from rlcore.plots.style import CYCLE, METHODS, PALETTE, method_of
+from rlcore.plots.style import CYCLE, METHODS, PALETTE, SMALL, WIDTH, method_of
 
 RNG = np.random.default_rng(0)
 RUNS = RNG.uniform(0.2, 0.9, (4, 30))
@@ -87,3 +87,11 @@ def test_trace_courses_have_the_colours_of_their_kinds():
 
 def test_the_table_names_colours_of_the_palette_that_readers_tell_apart():
     assert {PALETTE[colour] for colour, _ in METHODS.values()} <= set(CYCLE)
+
+
+@pytest.mark.parametrize("names, draw", FIGURES.values(), ids=FIGURES)
+def test_every_figure_has_one_width_and_no_small_type(names, draw):
+    fig = draw(names)
+    assert fig.get_figwidth() == WIDTH
+    fig.draw_without_rendering()  # which makes the labels of the ticks
+    assert min(text.get_fontsize() for text in fig.findobj(mpl.text.Text) if text.get_text().strip()) >= SMALL

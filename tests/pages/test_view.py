@@ -10,6 +10,7 @@ from conftest import CHAPTERS, HTML, PAGES, ROOT
 
 from rlcore import plots
 from rlcore.explore import explore
+from rlcore.plots import style
 
 pytestmark = pytest.mark.pages
 # Fonts of the site; none of any site, DejaVu installed; none of any site and none installed.
@@ -213,6 +214,38 @@ def test_no_accessibility_violation_in_any_element(view, scheme):
     found = violations(view, {"runOnly": STANDARD, "resultTypes": ["violations"]})
     show(view, "light")
     assert found == []
+
+
+DRAWN = """() => [...document.querySelectorAll("article :is(.explore .first img, div.cell_output img)")]
+    .filter(e => e.clientWidth && !e.closest("table")).map(e => {
+        const {paddingLeft, paddingRight} = getComputedStyle(e);
+        return Math.round(e.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight));
+    })"""  # width of each figure
+
+
+@every_page
+def test_still_and_moving_figures_have_one_width_and_type_that_a_phone_shows(view):
+    widths = {}
+    for width in (WIDTH, 360):
+        view.set_viewport_size({"width": width, "height": HEIGHT})
+        widths[width] = set(view.evaluate(DRAWN))
+    view.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+    assert all(len(found) <= 1 for found in widths.values())
+    assert all(style.SMALL * found / (72 * style.WIDTH) >= 10 for found in widths[360])
+
+
+@every_page
+def test_figures_do_not_glare_on_a_dark_page(view):
+    grounds = "all => [...new Set(all.map(e => getComputedStyle(e).filter))]"
+    figures = view.locator("article :is(.explore img, div.cell_output img)")
+    show(view, "dark")
+    dark = figures.evaluate_all(grounds)
+    view.emulate_media(media="print")
+    printed = figures.evaluate_all(grounds)
+    view.emulate_media(media="screen")
+    show(view, "light")
+    assert dark in ([], ["invert(0.93) hue-rotate(180deg)"]) and not any("invert" in filter for filter in printed)
+    assert figures.evaluate_all(grounds) in ([], ["none"])
 
 
 def frames(figure):
