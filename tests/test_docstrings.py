@@ -4,6 +4,7 @@ import doctest
 import importlib
 import inspect
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from numpydoc.validate import validate
 import rlcore
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "book" / "_ext"))
 INDEX = [f"rlcore.{room}.{name}" for rooms in rlcore.INDEX.values() for room, names in rooms.items()
          for name in names.split()]  # fmt: skip
 RESULTS = ["rlcore.core.results.Run", "rlcore.core.results.Solution"]
@@ -97,5 +99,31 @@ def test_examples_print_what_they_say(name):
 
 
 def test_examples_of_decorated_functions_are_found():
-    found = {test.name for test in doctest.DocTestFinder(exclude_empty=True).find(importlib.import_module("rlcore.td"))}
+    tests = doctest.DocTestFinder(exclude_empty=True).find(importlib.import_module("rlcore.td"))
+    found = {test.name for test in tests if test.examples}
     assert found == {f"rlcore.td.{name}" for name in rlcore.INDEX[4]["td"].split()}
+
+
+WHOLE = '''@learner(control)
+def f(
+    self, world: World, /, *more: int, alpha: Rate = 1e-3, pi: ArrayLike | None = None, **rest: Any,
+) -> Run:  # fmt: skip
+    """Q moves, E[R | s] too. It says more.
+
+    Parameters
+    ----------
+    """
+    # why
+    return g(world)[1:]  # eq-21
+'''
+BRIEF = '''@learner(control)
+def f(self, world, /, *more, alpha=1e-3, pi=None, **rest):
+    """Q moves, E[R | s] too."""
+    # why
+    return g(world)[1:]  # eq-21
+'''
+
+
+def test_pages_show_the_code_without_types_and_with_one_sentence():
+    listing = importlib.import_module("companion.listing")
+    assert listing.brief(WHOLE) == BRIEF == listing.brief(BRIEF)
