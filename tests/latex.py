@@ -1,10 +1,11 @@
 r"""Evaluates the LaTeX of chapters 1 to 8: sums, maxima, expectations, fractions, p(s', r | s, a), pi(a | s), v, q; the
 updates along an episode: V(S_t), Q(S_t, A_t), R_{t+1}, G_t^{t+n}(c), L_t, delta_t, E_{t-1}(s, a), I_{s S_t}; vectors
 and matrices: w_{jk}^l, w^l a^{l-1}, \odot; slopes, by central differences: \partial J / \partial b_j^l, \nabla \ln \pi;
-means over a batch and distributions: \hat{\mathbb E}_t[r_t(\theta) \hat A_t], KL[\pi_{\theta_{old}}(\cdot | s_t), ...].
+means over a batch and distributions: \hat{\mathbb E}_t[r_t(\theta) \hat A_t], KL[\pi_{\theta_{old}}(\cdot | s_t), ...];
+values as vectors: (I - \gamma P_\pi)^{-1} r_\pi, T_\pi^k v, (T_* Q)(s, a), \lVert v - w \rVert_\infty.
 
-`sides(latex)` splits an equation at its signs of equality and gives one function of a `Scope` for each side. What it
-cannot read is a SyntaxError: nothing on the page is passed over in silence.
+`sides(latex)` splits an equation at its signs of equality and gives one function of a `Scope` for each side;
+`chain(latex)` keeps the signs. What they cannot read is a SyntaxError: nothing on the page is passed over in silence.
 """
 
 import itertools
@@ -23,11 +24,12 @@ IGNORED = (
 )
 TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
 RELATIONS = ("=", "<", ">", r"\le", r"\ge")
-ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert")
-WORDS = "pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|S|min|clip|UP"
-NAMES = rf"\\(?:{WORDS}|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
+ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert", r"\rvert")
+WORDS = "pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min|clip|UP"
+NAMES = rf"\\(?:{WORDS}|bar[a-zA-Z]|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
 TIMED = ("Delta", "r", "LCPI", "LCLIP", "LVF")  # functions whose index is a time: r_t(\theta)
 DOTS = [[r"\dots"], [r"\cdots"], [r"\ldots"], [r"\vdots"], [r"\ddots"]]
+POLICIES = (r"\pi", r"\pi'")
 LAYERED = ("a", "b", "w", "z", "delta")  # an exponent of these is the number of a layer
 FUNCTIONS = {r"\ln": np.log, r"\log": np.log, r"\cos": np.cos, r"\sqrt": np.sqrt}
 
@@ -49,13 +51,66 @@ class Scope:
         table = self.tables[name, subscript, len(args)]
         return table(*args) if callable(table) else table[tuple(int(x) for x in args)]
 
+    def variable(self, letter, at, names):
+        """R_t, G_t, S_t, A_t where the names do not say."""
+        if letter == "R":
+            return self.rewards[int(at) - 1] if 1 <= at <= len(self.rewards) else 0.0
+        if letter == "G" and ("S", at) in names:
+            return self.call("v", "pi", [names["S", at]])
+        return self.call(letter, "", [at])
+
+    def expect(self, kind, policy, what, given, names):
+        """E[X | S_t = s, A_t = a], E_pi[X | S_t = s], Pr{S_t = s', R_t = r | ...}: one step of the process.
+
+        E_{tau ~ pi_theta}[X]: over whole episodes. E_pi[X] without a condition, too, summed over the steps t.
+        """
+        if not given:
+            steps = (lambda T: range(T + 1)) if policy == "pi" else lambda T: [None]
+            return sum(
+                p * what(self, {**names, **seen, **({} if t is None else {"t": t})})
+                for p, seen in self.trajectories for t in steps(seen["T"])
+            )  # fmt: skip
+        base = {"t": 0, **names}
+        fixed = {(letter, at(self, base)): x(self, base) for letter, at, x in given}
+        if self.trajectories:
+            paths = [(p, seen) for p, seen in self.trajectories if all(seen.get(i) == x for i, x in fixed.items())]
+            return sum(p * what(self, {**base, **seen}) for p, seen in paths) / sum(p for p, _ in paths)
+        now = min(at for letter, at in fixed if letter == "S")
+        if ("A", now) not in fixed and not policy:
+            raise SyntaxError("an expectation needs an action or a policy")
+        total = weight = 0.0
+        actions = [fixed["A", now]] if ("A", now) in fixed else self.sets["a"]
+        for a, s_next, r in itertools.product(actions, self.sets["s"], self.sets["r"]):
+            s = fixed["S", now]
+            seen = {("S", now): s, ("A", now): a, ("S", now + 1): s_next, ("R", now + 1): r}
+            if any(seen.get(key, x) != x for key, x in fixed.items()):
+                continue
+            p = self.call("p|1", "", [s_next, r, s, a])
+            p *= 1.0 if ("A", now) in fixed else self.call("pi|0", "", [a, s])
+            if now == base["t"]:  # one step is written out; what follows is worth v
+                seen["G", now] = r + self.gamma * self.call("v", "pi", [s_next])
+            here = {**names, **seen, "t": base["t"]}
+            if kind == r"\Pr":
+                total += p * all(here[letter, at(self, here)] == x(self, here) for letter, at, x in what)
+            else:
+                total += p * what(self, here)
+            weight += p
+        return total / weight
+
 
 def sides(latex):
     """One function (scope, names) -> number for each side of the equation."""
+    return [side for _, side in chain(latex)]
+
+
+def chain(latex):
+    """[(sign, side)]: what stands left of each side, "" at the first unless the text begins with a sign."""
     text = re.sub(r"\\begin\{bmatrix\}(.*?)\\end\{bmatrix\}", _bmatrix, latex, flags=re.S)
     text = re.sub(r"\\(?:begin|end)\{\w+\*?\}|\\\\(?:\[[^]]*\])?", " ", text)
     text = re.split(r",?\s*\\(?:q?quad)\b", text)[0] if r"\quad" in text or r"\qquad" in text else text
     text = re.sub(IGNORED, " ", text).strip().rstrip(".,;")
+    text = re.sub(r"\\bar\s+([a-zA-Z])", r"\\bar\1 ", text)
+    text = re.sub(r"\\mathbf\s*\{?1\}?", r"\\ones ", text)
     text = re.sub(
         r"\\(?:mathbb|mathcal|operatorname|mathrm|text)\*?\s*(?:\{\s*([A-Za-z]+)\s*\}|([A-Za-z]))", r"\\\1\2 ", text
     )
@@ -69,9 +124,9 @@ def sides(latex):
     text = re.sub(r"\\partial (\w) / \\partial (\S+)", r"\\frac{\\partial \1}{\\partial \2}", text)
     text = re.sub(r"\\[td]?frac\s*(\d)\s*(\d)", r"\\frac{\1}{\2}", text)
     reader = Reader(re.findall(TOKEN, re.sub(r"([a-zA-Z])\s+'", r"\1'", text)))
-    found = [reader.expression()]
-    while reader.take(*RELATIONS):
-        found.append(reader.expression())
+    found = [(reader.take(*RELATIONS) or "", reader.expression())]
+    while sign := reader.take(*RELATIONS):
+        found.append((sign, reader.expression()))
     reader.end()
     return found
 
@@ -150,7 +205,7 @@ class Reader:
         if self.take("T"):
             return lambda scope, names: _transposed(base(scope, names))
         power = self.group()
-        return lambda scope, names: base(scope, names) ** power(scope, names)
+        return lambda scope, names: _power(base(scope, names), power(scope, names))
 
     def group(self):
         """{...} or a single token."""
@@ -167,13 +222,17 @@ class Reader:
         if token == r"\gamma":
             return lambda scope, names: scope.gamma
         if token in ("(", "[", "{"):
-            return self.row({"(": ")", "[": "]", "{": "}"}[token])
+            inner = self.row({"(": ")", "[": "]", "{": "}"}[token])
+            return self.entry(inner) if token == "(" and self.is_entry() else inner
         if token == "|" and "".join(self.tokens[self.i : self.i + 2]) == "B|":
             self.i += 2
             return lambda scope, names: len(scope.sets["B"])
-        if token in ("|", r"\lVert"):
+        if token in ("|", r"\lvert", r"\lVert"):
             inner, size = self.expression(), np.linalg.norm if token == r"\lVert" else abs
-            self.need("|" if token == "|" else r"\rVert")
+            self.need(token.replace(r"\l", r"\r"))
+            if token == r"\lVert" and self.take("_"):
+                self.need(r"\infty")
+                size = _largest
             return lambda scope, names: size(inner(scope, names))
         if token == r"\frac" and self.tokens[self.i : self.i + 2] == ["{", r"\partial"]:
             return self.partial()
@@ -203,11 +262,17 @@ class Reader:
             return self.extreme(lambda pairs: max(pairs)[0])
         if token in (r"\E", r"\Pr"):
             return self.expectation(token)
-        if token in (r"\alpha", r"\beta", r"\lambda", r"\epsilon", r"\varepsilon"):
-            letter = token + "_" + self.need("w") if self.take("_") else token
+        if token == r"\Var":
+            return self.variance()
+        if token in (r"\alpha", r"\beta", r"\lambda", r"\epsilon", r"\varepsilon", r"\rho"):
+            if self.peek() == "_" and {*self.tokens[self.i + 1 : self.i + 2]} & {"t", "k", "j"}:
+                return self.symbol(token.strip("\\"), *self.indices(token))
+            letter = token + "_" + self.need("w", "r", "p") if self.take("_") else token
             return lambda scope, names: scope.greek[letter]
-        if token == "I":
+        if token == "I" and self.peek() == "_":
             return self.indicator()
+        if token == "T" and self.peek() == "_" and {*self.tokens[self.i + 1 : self.i + 4]} & {*POLICIES, "*"}:
+            return self.operator()
         of_policy = self.tokens[self.i : self.i + 3] == ["_", "{", r"\piold"]
         letters = ("R", "G", "S", "A", "L")
         if token in letters and self.peek() == "_" and not of_policy or token == "T" and self.peek() != "(":
@@ -215,6 +280,28 @@ class Reader:
         if re.fullmatch(NAMES, token):
             return self.name(token.strip("\\"))
         raise SyntaxError(f"cannot read {token} in {' '.join(self.tokens)}")
+
+    def is_entry(self):
+        """Whether (s) or (s, a) comes next, which picks from what stands in brackets before it: (T_\\pi v)(s)."""
+        found = [token for token in self.tokens[self.i : self.i + 5] if re.fullmatch("[(),]|[sa]'*", token)]
+        return re.match(r"\(s'*(,a'*)?\)", "".join(found)) and self.tokens[self.i + 1] == found[1]
+
+    def entry(self, of):
+        args = self.need("(") and self.row(")")
+        return lambda scope, names: of(scope, names)[tuple(np.atleast_1d(args(scope, names)).astype(int))]
+
+    def operator(self):
+        """T_\\pi v, T_*^k v: what the scope's operator makes of the vector right of it."""
+        below, _ = self.indices("T")
+        power, of = self.take("^") and self.group(), self.factor()
+
+        def value(scope, names):
+            x = of(scope, names)
+            for _ in range(int(power(scope, names)) if power else 1):
+                x = scope.tables["T", "".join(below).strip("\\"), 1](x)
+            return x
+
+        return value
 
     def row(self, close):
         """What stands between brackets: one expression, or several, which make a vector."""
@@ -302,7 +389,7 @@ class Reader:
         """A variable, a_j^l, or a function with its arguments: v_\\pi(s), p(s', r | s, a), V_{k+1}(s)."""
         below, above = self.indices(token)
         if above or below and self.peek() != "(":
-            return self.symbol(token, below, above)
+            return self.whole(token, below) or self.symbol(token, below, above)
         if not self.take("("):
             return lambda scope, names: names[token] if token in names else scope.call(token, "", [])
         subscript = "".join(below).strip("\\")
@@ -315,6 +402,17 @@ class Reader:
         if token in TIMED and below == ["t"]:
             args.insert(0, read(below))
         return lambda scope, names: scope.call(label, subscript, [arg(scope, names) for arg in args])
+
+    def whole(self, token, below):
+        """v_\\pi, P_\\pi, v_*: all entries at once."""
+        if token in LAYERED or not below:
+            return None
+        key = token, "".join(below).strip("\\"), 0
+        try:
+            entry = self.symbol(token, below, []) if "*" not in below else None
+        except SyntaxError:
+            entry = None
+        return lambda scope, names: scope.tables[key] if key in scope.tables or not entry else entry(scope, names)
 
     def argument(self):
         """s; y = s, the value of y; or a dot for all of them."""
@@ -335,13 +433,7 @@ class Reader:
 
         def value(scope, names):
             at = index(scope, {"t": 0, **names})
-            if (letter, at) in names:
-                return names[letter, at]
-            if letter == "R":
-                return scope.rewards[int(at) - 1] if 1 <= at <= len(scope.rewards) else 0.0
-            if letter == "G" and ("S", at) in names:
-                return scope.call("v", "pi", [names["S", at]])
-            return scope.call(letter, "", [at])
+            return names[letter, at] if (letter, at) in names else scope.variable(letter, at, names)
 
         return value
 
@@ -427,73 +519,64 @@ class Reader:
         return value
 
     def expectation(self, kind):
-        """E[X | S_t = s, A_t = a], E_pi[X | S_t = s], Pr{S_t = s', R_t = r | ...}: one step of the process.
-
-        E_{tau ~ pi_theta}[X]: over whole episodes. E_pi[X] without a condition, too, summed over the steps t. E_t[X]:
-        the mean over a batch.
-        """
+        """E[X | S_t = s, A_t = a], E_pi[X], Pr{S_t = s' | ...}: as the scope says. E_t[X]: the mean over a batch."""
         if self.tokens[self.i : self.i + 3] == ["_", "t", "["]:
             self.i += 3
             body = self.row("]")
             return lambda scope, names: np.mean([body(scope, {**names, "t": t}) for t in scope.sets["t"]], axis=0)
-        policy = self.take("_") and self.need(r"\pi", "{")
-        if policy == "{" and self.take(r"\tau"):
-            self.need(r"\sim")
+        policy = self.take("_") and self.need(*POLICIES, "{")
+        if policy == "{":
+            policy = self.need(r"\tau", *POLICIES)
             while not self.take("}"):
-                self.need(self.peek() or "}")
-        elif policy == "{":
-            policy = self.need(r"\pi") and self.need("}")
+                self.need(self.peek() if policy == r"\tau" else "}")
+        policy = policy and policy.strip("\\")
         close = {"[": "]", r"\{": r"\}", "(": ")", "{": "}"}[self.need("[", r"\{", "(", "{")]
         what = self.events() if kind == r"\Pr" else self.expression()
-        if kind == r"\E" and policy and self.take(close):
-            steps = (lambda T: range(T + 1)) if policy == r"\pi" else lambda T: [None]
-            return lambda scope, names: sum(
-                p * what(scope, {**names, **seen, **({} if t is None else {"t": t})})
-                for p, seen in scope.trajectories for t in steps(seen["T"])
-            )  # fmt: skip
-        self.need("|")
-        given = self.events()
-        self.need(close)
+        given = [] if self.take(close) else self.need("|") and self.events()
+        if given:
+            self.need(close)
+        return lambda scope, names: scope.expect(kind, policy, what, given, names)
+
+    def variance(self):
+        """Var(X) = E[X^2] - (E[X])^2"""
+        self.need("(")
+        what = self.row(")")
 
         def value(scope, names):
-            base = {"t": 0, **names}
-            fixed = {(letter, at(scope, base)): x(scope, base) for letter, at, x in given}
-            if scope.trajectories:
-                paths = [(p, seen) for p, seen in scope.trajectories if all(seen.get(i) == x for i, x in fixed.items())]
-                return sum(p * what(scope, {**base, **seen}) for p, seen in paths) / sum(p for p, _ in paths)
-            now = min(at for letter, at in fixed if letter == "S")
-            if ("A", now) not in fixed and not policy:
-                raise SyntaxError("an expectation needs an action or a policy")
-            total = weight = 0.0
-            actions = [fixed["A", now]] if ("A", now) in fixed else scope.sets["a"]
-            for a, s_next, r in itertools.product(actions, scope.sets["s"], scope.sets["r"]):
-                s = fixed["S", now]
-                seen = {("S", now): s, ("A", now): a, ("S", now + 1): s_next, ("R", now + 1): r}
-                if any(seen.get(key, x) != x for key, x in fixed.items()):
-                    continue
-                p = scope.call("p|1", "", [s_next, r, s, a])
-                p *= 1.0 if ("A", now) in fixed else scope.call("pi|0", "", [a, s])
-                if now == base["t"]:  # one step is written out; what follows is worth v
-                    seen["G", now] = r + scope.gamma * scope.call("v", "pi", [s_next])
-                here = {**names, **seen, "t": base["t"]}
-                if kind == r"\Pr":
-                    total += p * all(here[letter, at(scope, here)] == x(scope, here) for letter, at, x in what)
-                else:
-                    total += p * what(scope, here)
-                weight += p
-            return total / weight
+            mean = scope.expect(r"\E", None, what, [], names)
+            return scope.expect(r"\E", None, lambda *at: (what(*at) - mean) ** 2, [], names)
 
         return value
 
     def events(self):
-        """S_t = s, A_t = a, ..."""
+        """S_t = s, A_t = a, ...; S_t alone: whatever it is; dots: all that is known; \\tau = t."""
         found = []
         while True:
-            letter, index = self.need("S", "A", "R"), self.index()
-            self.need("=")
-            found.append((letter, index, self.product()))
+            if self.take(*DOTS[0]):
+                found.append(("...", lambda scope, names: 0, lambda scope, names: 0))
+                self.need(",")
+            letter = self.need("S", "A", "R", r"\tau").strip("\\")
+            index = self.index() if letter != "tau" else lambda scope, names: 0
+            is_known = self.peek() != "="
+            found.append((letter, index, self.known(letter, index) if is_known else self.need("=") and self.product()))
             if not self.take(","):
                 return found
+
+    def known(self, letter, index):
+        def value(scope, names):
+            at = index(scope, names)
+            return names[letter, at] if (letter, at) in names else scope.variable(letter, at, names)
+
+        return value
+
+
+def _largest(x):
+    return np.abs(x).max()
+
+
+def _power(x, n):
+    """Of a number, or of a square matrix: its inverse for -1."""
+    return x**n if np.ndim(x) != 2 else np.linalg.matrix_power(x, int(n))
 
 
 def _times(x, y):
@@ -586,12 +669,12 @@ def cells(page, kind):
 
 @cache
 def displays(page):
-    """[(ids, LaTeX)] of every $$ ... $$, in order: its label, eq-7, and the anchors eq-... and om-... before it."""
+    """[(ids, LaTeX)] of every $$ ... $$, in order: its label, eq-7, and the anchors eq-, om- and dv-... before it."""
     found = []
     for text in cells(page, "markdown"):
         end = 0
         for m in re.finditer(r"\$\$(.+?)\$\$(?:[ ]*\(([\w-]+)\))?", text, re.S):
-            anchors = re.findall(r'<span id="((?:eq|om)-[^"]*)">', text[end : m.start()])
+            anchors = re.findall(r'<span id="((?:eq|om|dv)-[^"]*)">', text[end : m.start()])
             found.append((anchors + [m[2]] * bool(m[2]), m[1]))
             end = m.end()
     return found

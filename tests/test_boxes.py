@@ -42,9 +42,11 @@ def boxes():
     for path in sorted((ROOT / "book").glob("0*.ipynb")):
         for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
             source = "".join(cell["source"])
-            shown = SHOWN.findall(source)
-            for _, text in BOX.findall(source) if shown else ():
-                yield re.search(r":label: (\S+)", text)[1], text, shown
+            found = [*BOX.finditer(source)]
+            for box, after in zip(found, [*found[1:], None]):
+                shown = SHOWN.findall(source[box.end() : after and after.start()])
+                if shown:
+                    yield re.search(r":label: (\S+)", box[2])[1], box[2], shown
 
 
 BOXES = {label: (text, shown) for label, text, shown in boxes()}

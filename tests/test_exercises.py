@@ -300,12 +300,12 @@ def test_the_committed_notebook_is_the_generated_one(name):
 def test_a_reference_to_an_equation_leads_to_the_chapter_that_has_it():
     pages = {row["id"]: row["page"].partition("#")[0] for row in LEDGER if row.get("page")}
     for number in range(1, 42):
-        page = re.fullmatch(r"\[equation \(\d+\)\]\(\.\./(\w+)\.ipynb\)", _with_links(f"{{eq}}`eq-{number}`"))[1]
+        page = re.fullmatch(r"\[equation \(\d\.\d+\)\]\(\.\./(\w+)\.ipynb\)", _with_links(f"{{eq}}`eq-{number}`"))[1]
         assert page == pages[f"eq-{number}"], number
     again = (("nn", 20, 37, "06_neural_networks"), ("rf", 38, 39, "07_reinforce"), ("ppo", 40, 50, "08_ppo"))
     for series, first, last, page in again:
         for number in range(first, last + 1):  # the number shown is the document's, which counts from 20 again
-            expected = f"[equation ({number})](../{page}.ipynb)"
+            expected = f"[equation ({int(page[:2])}.{number})](../{page}.ipynb)"
             assert _with_links(f"{{eq}}`eq-{series}-{number}`") == expected
             assert pages.get(f"eq-{series}-{number}", page) == page, number
 

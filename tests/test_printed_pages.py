@@ -1,4 +1,6 @@
-"""Every equation on the pages is compared with rlcore, or stands here with the reason why nothing can be compared."""
+"""Every equation on the pages is compared with rlcore, step by step where it is a derivation, or stands here with the
+reason why nothing can be compared.
+"""
 
 import re
 
@@ -9,6 +11,7 @@ import test_printed_ppo as ppo
 import test_printed_processes as processes
 import test_printed_reinforce as reinforce
 import test_printed_updates as updates
+from derivations import REGISTRY
 from latex import cells, displays
 
 TESTED = {
@@ -40,7 +43,7 @@ def keys(names, latex):
 @pytest.mark.parametrize("page", PAGES)
 def test_every_display_is_tested_or_listed(page):
     for names, latex in displays(page):
-        assert {*keys(names, latex)} & {*TESTED, *NOTATION}, f"{names}: {latex}"
+        assert {*keys(names, latex)} & {*TESTED, *NOTATION, *REGISTRY}, f"{names}: {latex}"
 
 
 @pytest.mark.parametrize("page", PAGES)

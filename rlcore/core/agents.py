@@ -1,13 +1,25 @@
 """A policy network beside an estimate of its values (chapter 8)."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
 import numpy as np
 
 from rlcore.core.checks import check_positive, finite
 from rlcore.core.rules import array, check_optimizer, checked, count, instance
 from rlcore.core.samples import check_samples
+from rlcore.core.types import BODIES, Array, ArrayLike, Floats, Network, Optimizer, Rng
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.nn import MLP, check_network, network
 from rlcore.optimizers import Adam
+
+if BODIES:
+    Policy: TypeAlias = Any
+else:
+    Policy: TypeAlias = Categorical | Gaussian
+Gradient: TypeAlias = Array | tuple[Array, Array]  # with respect to logits, or to mean and log_std
 
 
 class Normaliser:
@@ -17,11 +29,11 @@ class Normaliser:
     """
 
     @checked(d=count(), limit=check_positive)
-    def __init__(self, d, limit=5.0, dtype=np.float32):
+    def __init__(self, d: int, limit: float = 5.0, dtype: Any = np.float32) -> None:
         self.n, self._mean, self._square, self.limit = 0, np.zeros(d), np.zeros(d), limit
         self.mean, self.scale = np.zeros(d, dtype), np.ones(d, dtype)
 
-    def update(self, x):
+    def update(self, x: ArrayLike) -> None:
         """Count x (B, d) in."""
         x = check_samples("x", x, self.mean.dtype)
         if x.ndim != 2 or not len(x) or x.shape[1:] != self.mean.shape:
@@ -34,7 +46,7 @@ class Normaliser:
         self.mean[:] = self._mean
         self.scale[:] = 1 / np.sqrt(np.maximum(self._square / n, 1e-4))
 
-    def __call__(self, x):
+    def __call__(self, x: Floats) -> Floats:
         x = (x - self.mean) * self.scale
         return np.minimum(np.maximum(x, -self.limit, out=x), self.limit, out=x)
 
@@ -59,12 +71,15 @@ class ActorCritic:
         net=network, critic=network, log_std=array("A", kind=_writable), log_std_optimizer=check_optimizer,
         normaliser=instance(Normaliser),
     )  # fmt: skip
-    def __init__(self, net, critic=None, log_std=None, log_std_optimizer=None, normaliser=None):
+    def __init__(
+        self, net: Network, critic: Network | None = None, log_std: Floats | None = None,
+        log_std_optimizer: Optimizer | None = None, normaliser: Normaliser | None = None,
+    ) -> None:  # fmt: skip
         self.net, self.critic, self.log_std, self.normaliser = net, critic, log_std, normaliser
         self.log_std_optimizer = log_std_optimizer
         self._n, self._d = -1 if critic is None else None, getattr(net, "sizes", (None,))[0]
 
-    def forward(self, x):
+    def forward(self, x: Floats) -> tuple[Policy, Floats]:
         """(policy, values (B,)) for observations x (B, d) that the normaliser has seen."""
         outputs = self.net.forward(x)
         if outputs.ndim != 2:
@@ -72,7 +87,7 @@ class ActorCritic:
         values = outputs if self.critic is None else self.critic.forward(x)
         return self._policy(outputs[:, : self._n]), values[:, -1]
 
-    def distribution(self, outputs):
+    def distribution(self, outputs: ArrayLike) -> Policy:
         """The policy that outputs (B, A) stand for; it stays as it is when log_std learns on."""
         outputs = check_samples("outputs", outputs, self.net.theta.dtype)
         if outputs.ndim != 2 or self.log_std is not None and outputs.shape[1:] != self.log_std.shape:
@@ -82,15 +97,15 @@ class ActorCritic:
     def _policy(self, outputs):
         return Categorical(outputs) if self.log_std is None else Gaussian(outputs, self.log_std.copy())
 
-    def policy(self, observations):
+    def policy(self, observations: ArrayLike) -> Policy:
         """The policy in observations (B, d) as the environment gives them."""
         return self.forward(self.see(observations))[0]
 
-    def values(self, observations):
+    def values(self, observations: ArrayLike) -> Floats:
         """v_hat, (B,), of observations (B, d) as the environment gives them."""
         return self.forward(self.see(observations))[1]
 
-    def likeliest(self, observation):
+    def likeliest(self, observation: ArrayLike) -> int | Floats:
         """The likeliest action for one observation (d,): a number, or (A,)."""
         x = finite("observation", observation)
         try:
@@ -99,7 +114,7 @@ class ActorCritic:
             raise ValueError(f"observation: got shape {x.shape}, must be (d,), as the network takes it") from None
         return int(policy.logits[0].argmax()) if self.log_std is None else policy.mean[0]
 
-    def step(self, d_policy, d_values):
+    def step(self, d_policy: Gradient, d_values: Floats) -> None:
         """One step of every optimizer against a loss with these derivatives.
 
         d_policy: (B, A) with respect to the logits, or ((B, A), (B, A)) to mean and log_std. d_values: (B,).
@@ -120,20 +135,20 @@ class ActorCritic:
             self.log_std_optimizer.update(self.log_std, d_log_std)
 
     @checked
-    def set_lr(self, lr):
+    def set_lr(self, lr: float) -> None:
         """The learning rate of every optimizer."""
         for part in (self.net.optimizer, self.critic and self.critic.optimizer, self.log_std_optimizer):
             if part is not None:
-                part.lr = lr
+                part.lr = lr  # type: ignore[union-attr]
 
-    def see(self, observations):
+    def see(self, observations: ArrayLike) -> Floats:
         """observations as the networks take them."""
         x, d = check_samples("observations", observations, self.net.theta.dtype), self._d
         if x.ndim != 2 or not len(x) or x.shape[1] != (d or x.shape[1]):
             raise ValueError(f"observations: got shape {x.shape}, must be (B, {d or 'd'}), with B at least 1")
         return x if self.normaliser is None else self.normaliser(x)
 
-    def acting(self):
+    def acting(self) -> Callable[[Floats], Floats]:
         """The function from observations (N, d) to outputs (N, A), an MLP's layers spelt out: called for every step."""
         see, n, layers = self.normaliser or (lambda x: x), self._n, None
         if not isinstance(self.net, MLP):
@@ -149,7 +164,9 @@ class ActorCritic:
         return outputs
 
 
-def make_agent(env, config, net, critic, rng, *, shared=False):
+def make_agent(
+    env: Any, config: Any, net: Network | None, critic: Network | None, rng: Rng, *, shared: bool = False
+) -> ActorCritic:
     """Networks for the spaces of env, new ones where None."""
     d, actions = env.single_observation_space.shape[0], env.single_action_space
     A = int(actions.n) if hasattr(actions, "n") else actions.shape[0]

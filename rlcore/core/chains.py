@@ -1,9 +1,15 @@
 """The Markov chain that a policy makes of a process: where it leads, and the linear system of its values."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
+from rlcore.core.types import Flags, Floats, Model
 
-def chain(mdp, pi):
+
+def chain(mdp: Model, pi: Floats) -> tuple[Any, Floats]:
     """P_pi (S, S) as a scipy sparse array, and r_pi (S,); pi is not checked."""
     from scipy.sparse import csr_array
 
@@ -15,7 +21,7 @@ def chain(mdp, pi):
     return P, (weight * mdp.reward).sum(axis=(1, 2))
 
 
-def reaches(P, target):
+def reaches(P: Any, target: Flags) -> Flags:
     """States from which the chain P can reach the target set, (S,) bool."""
     from scipy.sparse import csr_array, vstack
     from scipy.sparse.csgraph import breadth_first_order
@@ -29,13 +35,13 @@ def reaches(P, target):
     return reached[:S]
 
 
-def ends(mdp, pi):
+def ends(mdp: Model, pi: Floats) -> bool:
     """Whether every state that pi can meet leads to a terminal one; walled-off cells do not matter."""
     P, _ = chain(mdp, pi)
     return bool((reaches(P, mdp.terminal) | ~reaches(P.T, mdp.start > 0)).all())
 
 
-def solve_system(P, r, gamma, terminal):
+def solve_system(P: Any, r: Floats, gamma: float, terminal: Flags) -> Floats:
     """V with V = r + gamma P V and V = 0 on terminal states."""
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import spsolve
@@ -51,7 +57,7 @@ def solve_system(P, r, gamma, terminal):
     return V
 
 
-def require_end_of(P, gamma, terminal):
+def require_end_of(P: Any, gamma: float, terminal: Flags) -> None:
     """ValueError where a system with P would be singular."""
     if gamma == 1 and not (ends := reaches(P, terminal)).all():
         s = np.flatnonzero(~ends)[0]

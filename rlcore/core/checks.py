@@ -1,20 +1,22 @@
 """What an argument may be: each check returns the value that the code works with, or says what is wrong."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
 from numbers import Real
+from typing import Any
 
 import numpy as np
+
+from rlcore.core.types import Flags, Floats, Given, Ints, Model, Rng
 
 LARGEST = 10**9  # of anything that is counted
 ENTRIES = 10**8  # of an array that a world is made of, 0.8 GB
 HUGE = float(np.finfo(float).max)
 
 
-class Model:
-    """What a FiniteMDP is known by here: `rlcore.mdp` imports this module, not the other way round."""
-
-
-def show(value):
+def show(value: Any) -> str:
     """repr of a value, short."""
     text = repr(value)
     return text if len(text) < 200 else f"{text[:190]}..."
@@ -23,54 +25,54 @@ def show(value):
 # ---------------------------------------------------------------------- one value
 
 
-def is_number(value):
+def is_number(value: Any) -> bool:
     """Whether value is a real number; True and False are not."""
     return isinstance(value, (float, int, Real)) and not isinstance(value, bool)  # the common ones first
 
 
-def check_probability(name, value, given=None):
+def check_probability(name: str, value: Any, given: Given | None = None) -> float:
     """value as a float; ValueError unless it is a number in [0, 1]."""
     if not is_number(value) or not 0 <= value <= 1:
         raise ValueError(f"{name}: got {show(value)}, must be a number in [0, 1]")
     return float(value)
 
 
-def check_positive(name, value, given=None):
+def check_positive(name: str, value: Any, given: Given | None = None) -> float:
     """value as a float; ValueError unless it is a finite number above 0."""
     if not is_number(value) or not 0 < value <= HUGE:
         raise ValueError(f"{name}: got {show(value)}, must be a positive number")
     return float(value)
 
 
-def check_nonnegative(name, value, given=None):
+def check_nonnegative(name: str, value: Any, given: Given | None = None) -> float:
     """value as a float; ValueError unless it is a finite number, 0 or more."""
     if not is_number(value) or not 0 <= value <= HUGE:
         raise ValueError(f"{name}: got {show(value)}, must be a number of at least 0")
     return float(value)
 
 
-def check_fraction(name, value, given=None):
+def check_fraction(name: str, value: Any, given: Given | None = None) -> float:
     """value as a float; ValueError unless it is above 0 and below 1."""
     if not is_number(value) or not 0 < value < 1:
         raise ValueError(f"{name}: got {show(value)}, must be above 0 and below 1")
     return float(value)
 
 
-def check_rate(name, value, given=None):
+def check_rate(name: str, value: Any, given: Given | None = None) -> float:
     """value as a float; ValueError unless it is in (0, 1]."""
     if not (is_number(value) and 0 < value <= 1):
         raise ValueError(f"{name}: got {show(value)}, must be in (0, 1]")
     return float(value)
 
 
-def check_finite(name, value, given=None):
+def check_finite(name: str, value: Any, given: Given | None = None) -> float:
     """value as a float; ValueError unless it is a finite number."""
     if not is_number(value) or not -HUGE <= value <= HUGE:
         raise ValueError(f"{name}: got {show(value)}, must be a finite number")
     return float(value)
 
 
-def check_count(name, value, least=1, most=LARGEST):
+def check_count(name: str, value: Any, least: int = 1, most: int = LARGEST) -> int:
     """value as an int; ValueError unless it is a whole number from `least` to `most`."""
     if not is_number(value) or not least <= value < np.inf or int(value) != value:
         raise ValueError(f"{name}: got {show(value)}, must be a whole number of at least {least}")
@@ -79,35 +81,35 @@ def check_count(name, value, least=1, most=LARGEST):
     return int(value)
 
 
-def check_entries(name, *sizes):
+def check_entries(name: str, *sizes: int) -> None:
     """ValueError where an array of these sizes would exhaust the memory."""
     if math.prod(sizes) > ENTRIES:
         made = " x ".join(map(str, sizes))
         raise ValueError(f"{name}: needs an array of {made} numbers, must be at most {ENTRIES:,} in all")
 
 
-def check_index(name, value, size):
+def check_index(name: str, value: Any, size: int) -> int:
     """value as an int; ValueError unless it is a whole number in 0..size - 1."""
     if not is_number(value) or not 0 <= value < size or int(value) != value:
         raise ValueError(f"{name}: got {show(value)}, must be an integer in 0..{size - 1}")
     return int(value)
 
 
-def check_flag(name, value, given=None):
+def check_flag(name: str, value: Any, given: Given | None = None) -> bool:
     """value as a bool; ValueError unless it is True or False."""
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name}: got {show(value)}, must be True or False")
     return bool(value)
 
 
-def check_rng(rng):
+def check_rng(rng: Any) -> Rng:
     """rng; ValueError unless it is a numpy.random.Generator."""
     if not isinstance(rng, np.random.Generator):
         raise ValueError(f"rng: got {show(rng)}, must be a numpy.random.Generator such as numpy.random.default_rng(0)")
     return rng
 
 
-def check_function(name, f, of):
+def check_function(name: str, f: Any, of: str) -> Callable[..., Any]:
     """f; ValueError unless it can be called; a class is not. of: what it is called with, for the message."""
     if not callable(f) or isinstance(f, type):
         raise ValueError(f"{name}: got {show(f)}, must be a function of {of}")
@@ -117,7 +119,7 @@ def check_function(name, f, of):
 # ---------------------------------------------------------------------- arrays
 
 
-def as_floats(name, values):
+def as_floats(name: str, values: Any) -> Floats:
     """values as a float array; ValueError where they are not numbers."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         return values
@@ -129,7 +131,7 @@ def as_floats(name, values):
     return array.astype(float, copy=False)
 
 
-def as_integers(name, values, what="integers"):
+def as_integers(name: str, values: Any, what: str = "integers") -> Ints:
     """values as an array of integers; ValueError where they are not."""
     array = _array(name, values, what)
     if array.size and array.dtype.kind not in "iu":
@@ -137,7 +139,7 @@ def as_integers(name, values, what="integers"):
     return array.astype(np.int64, copy=False)
 
 
-def as_flags(name, values):
+def as_flags(name: str, values: Any) -> Flags:
     """values as a bool array; ValueError unless they are True or False, or 1 and 0."""
     array = _array(name, values, "True or False")
     if array.dtype.kind not in "biuf" or ((array != 0) & (array != 1)).any():
@@ -152,7 +154,7 @@ def _array(name, values, what):
         raise ValueError(f"{name}: got {show(values)}, must be {what}") from None
 
 
-def finite(name, values, given=None):
+def finite(name: str, values: Any, given: Given | None = None) -> Floats:
     """values as a float array; ValueError where one is not finite."""
     values = as_floats(name, values)
     if not np.isfinite(values).all():
@@ -160,7 +162,7 @@ def finite(name, values, given=None):
     return values
 
 
-def where(bad):
+def where(bad: Flags) -> str:
     """The first place that is True, as (s=0, a=1)."""
     return "(" + ", ".join(f"{name}={i}" for name, i in zip("sak", np.argwhere(bad)[0])) + ")"
 
@@ -168,27 +170,27 @@ def where(bad):
 # ---------------------------------------------------------------------- processes, policies, values
 
 
-def check_mdp(mdp):
+def check_mdp(mdp: Any) -> Model:
     """mdp; ValueError unless it is a FiniteMDP."""
     if not isinstance(mdp, Model):
         raise ValueError(f"mdp: got {type(mdp).__name__}, must be a FiniteMDP; from_env reads gymnasium's tables")
     return mdp
 
 
-def check_world(name, world, given=None):
+def check_world(name: str, world: Any, given: Given | None = None) -> Model:
     """world; ValueError unless it is a FiniteMDP to act in. cl-031"""
     if not isinstance(world, Model):
         raise ValueError(f"{name}: got {type(world).__name__}, must be a FiniteMDP to act in")
     return world
 
 
-def model_of(world):
+def model_of(world: Any) -> Model | None:
     """The FiniteMDP that world is, or that its MDPEnv plays; None where there is none."""
     model = world if isinstance(world, Model) else getattr(getattr(world, "unwrapped", None), "mdp", None)
     return model if isinstance(model, Model) else None
 
 
-def spaces(world):
+def spaces(world: Any) -> tuple[Flags, Flags]:
     """(legal, terminal) of a world, (S, A) and (S,) bool; every action is legal and no state known to be terminal in an
     environment that is not an MDPEnv.
 
@@ -206,12 +208,12 @@ def spaces(world):
     return np.ones(sizes, bool), np.zeros(sizes[0], bool)
 
 
-def check_policy(mdp, pi, name="pi"):
+def check_policy(mdp: Model, pi: Any, name: str = "pi") -> Floats:
     """pi as a float array; ValueError unless it is (S, A) with rows that are distributions over A(s)."""
     return check_pi(check_mdp(mdp).legal, pi, name)
 
 
-def check_pi(legal, pi, name="pi"):
+def check_pi(legal: Flags, pi: Any, name: str = "pi") -> Floats:
     """As check_policy, where all that is known is which actions are legal, (S, A) bool."""
     pi = as_floats(name, pi)
     if pi.shape != legal.shape:
@@ -225,7 +227,7 @@ def check_pi(legal, pi, name="pi"):
     return pi
 
 
-def finite_values(mdp, V, name="V"):
+def finite_values(mdp: Model, V: Any, name: str = "V") -> Floats:
     """V as a new (S,) float array, from a number or an array of finite numbers; terminal states get 0."""
     V = finite(name, V)
     if V.shape not in ((), (check_mdp(mdp).n_states,)):
@@ -233,7 +235,7 @@ def finite_values(mdp, V, name="V"):
     return np.where(mdp.terminal, 0.0, V)
 
 
-def check_q(mdp, Q, name="Q"):
+def check_q(mdp: Model, Q: Any, name: str = "Q") -> Floats:
     """Q as (S, A) floats with -inf at actions that are not legal; ValueError for another shape or NaN."""
     Q = as_floats(name, Q)
     if Q.shape != check_mdp(mdp).legal.shape:
@@ -243,12 +245,12 @@ def check_q(mdp, Q, name="Q"):
     return np.where(mdp.legal, Q, -np.inf)
 
 
-def check_v0(terminal, V0):
+def check_v0(terminal: Flags, V0: Any) -> Floats:
     """V0, a number or (S,), as a new (S,) float array with 0 at terminal states."""
     return _table("V0", V0, terminal.shape, np.zeros(terminal.shape), ~terminal)
 
 
-def check_q0(legal, terminal, Q0):
+def check_q0(legal: Flags, terminal: Flags, Q0: Any) -> Floats:
     """Q0, a number or (S, A), as a new (S, A) float array: -inf where not legal, 0 at terminal states."""
     Q0 = _table("Q0", Q0, legal.shape, np.full(legal.shape, -np.inf), legal)
     Q0[terminal] = 0.0

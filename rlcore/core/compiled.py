@@ -1,11 +1,15 @@
 """One source, two speeds: numba's njit where numba is importable, plain Python where it is not."""
 
+from __future__ import annotations
+
 import functools
 import hashlib
 import importlib.util
 import os
 import sys
 from pathlib import Path
+
+from rlcore.core.types import F
 
 HAVE_NUMBA = importlib.util.find_spec("numba") is not None and os.environ.get("RLCORE_NO_NUMBA") != "1"
 
@@ -97,12 +101,12 @@ def _sources():
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest() if paths else ""
 
 
-def compiled(function):
+def compiled(function: F) -> F:
     """Compile `function` with numba on first use; leave it alone where there is no numba or RLCORE_NO_NUMBA=1."""
-    return _Lazy(function) if HAVE_NUMBA else function
+    return _Lazy(function) if HAVE_NUMBA else function  # type: ignore[return-value]
 
 
-def inlined(function):
+def inlined(function: F) -> F:
     """A plain function outside, part of the machine code inside compiled functions that call it, unchecked there."""
     if HAVE_NUMBA:
         _inlined.append(function)

@@ -1,7 +1,11 @@
 """One function an algorithm: `learner` checks its arguments, compiles its source, and runs it in any tabular world."""
 
+from __future__ import annotations
+
 import functools
 import types
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +14,7 @@ from rlcore.core.results import Run
 from rlcore.core.rules import checker, count
 from rlcore.core.sampling import cumulative
 from rlcore.core.schedules import check_schedule
+from rlcore.core.types import F, Floats, Given, Ints, Rule
 from rlcore.core.worlds import run_loop, step_limit, tabular_world
 
 LEARNERS = dict(
@@ -17,7 +22,7 @@ LEARNERS = dict(
 )
 
 
-def learner(result, **special):
+def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
     """The function, called as it stands: arguments checked by name, its body compiled where there is numba.
 
     The body sees what the rules return: a policy as cumulative probabilities, a schedule for a step size, a table for a
@@ -54,7 +59,7 @@ def _positional(function):
 
 
 @compiled
-def log(table, n_episodes, record):
+def log(table: Floats, n_episodes: int, record: int) -> tuple[Floats, Ints, Floats]:
     """returns and lengths of the episodes to come, all 0, and a history with table as its first row."""
     history = np.zeros((1 + (n_episodes // record if record else 0), *table.shape))
     history[0] = table
@@ -62,13 +67,15 @@ def log(table, n_episodes, record):
 
 
 @compiled
-def note(history, table, k, record):
+def note(history: Floats, table: Floats, k: int, record: int) -> None:
     """Keep the table after episode k, where it is one of those that are kept."""
     if record and (k + 1) % record == 0:
         history[(k + 1) // record] = table
 
 
-def prediction(given, V, returns, lengths, history, visits=None):
+def prediction(
+    given: Given, V: Floats, returns: Floats, lengths: Ints, history: Floats, visits: Ints | None = None
+) -> Run:
     """The Run of a loop that learned v_pi."""
     history = history if given["record"] else None
     return Run(returns, lengths, V=V, policy=given["pi"], history=history, visits=visits)

@@ -1,23 +1,27 @@
 """The arrays of a FiniteMDP: made from outcomes, matrices or a table of gymnasium, owned, compared, and checked."""
 
-from collections.abc import Hashable
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import Any
 
 import numpy as np
 
 from rlcore.core.checks import as_flags, as_floats, check_entries, check_index, is_number, show
 from rlcore.core.rules import anything, array, checked, rule_of
+from rlcore.core.types import Array, ArrayLike, Given, Model
 
 INT32 = np.iinfo(np.int32)
 
 
-def freeze(*arrays):
+def freeze(*arrays: Any) -> tuple[Any, ...]:
     """The arrays, read-only from now on."""
     for x in arrays:
         x.flags.writeable = False
     return arrays
 
 
-def own(name, given, kind):
+def own(name: str, given: Any, kind: Callable[..., Array]) -> Array:
     """kind(name, given), an array, as one that is read-only and that nobody else can write to; next_state as int32."""
     states = name == "next_state"
     values = given if states and type(given) is np.ndarray and given.dtype == np.int32 else kind(name, given)
@@ -41,7 +45,9 @@ def _table(name, outcomes, given):
 
 
 @checked(outcomes=_table, start=anything)
-def from_outcomes(outcomes, n_states=None, n_actions=None, start=None):
+def from_outcomes(
+    outcomes: Any, n_states: int | None = None, n_actions: int | None = None, start: Any = None
+) -> tuple[Array, ...]:
     """next_state, prob, reward, legal, terminal and start of {(s, a): [(probability, s_next, reward), ...]}."""
     merged, largest = outcomes, max(s for row in outcomes.values() for s, _ in row)
     S = 1 + max(largest, max(s for s, _ in merged)) if n_states is None else n_states
@@ -81,7 +87,7 @@ def _rewards(name, R, given):
 
 
 @checked(P=_square, R=_rewards, terminal=rule_of(as_flags), start=anything)
-def from_arrays(P, R, terminal=None, start=None):
+def from_arrays(P: ArrayLike, R: ArrayLike, terminal: ArrayLike | None = None, start: Any = None) -> tuple[Array, ...]:
     """The same of p(s'|s, a) (S, A, S) and r(s, a) or r(s, a, s')."""
     R = np.broadcast_to(R if R.ndim == 3 else R[:, :, None], P.shape)
     terminal = np.zeros(len(P), bool) if terminal is None else terminal
@@ -103,7 +109,7 @@ def from_arrays(P, R, terminal=None, start=None):
     return order, *freeze(prob, reward, legal), terminal, _start(start, terminal)
 
 
-def from_env(env):
+def from_env(env: Any) -> tuple[dict[tuple[int, int], Any], dict[Any, Any], Given]:
     """Outcomes, the table `P` of a gymnasium environment, and its sizes, start and names."""
     env = getattr(env, "unwrapped", env)
     table = getattr(env, "P", None)
@@ -124,7 +130,7 @@ def from_env(env):
     return outcomes, table, dict(n_states=S, n_actions=A, start=start, **names)
 
 
-def check_ends(mdp, table):
+def check_ends(mdp: Model, table: Any) -> None:
     """ValueError where a state that ends an episode can also be entered without ending it."""
     for s in np.flatnonzero(_reachable(mdp) & ~mdp.terminal):
         for a, out in table[s].items():
@@ -133,7 +139,7 @@ def check_ends(mdp, table):
                     raise ValueError(f"env: (s={s}, a={a}) enters the terminal state {s_next} with terminated=False")
 
 
-def names(name, values):
+def names(name: str, values: Any) -> tuple[Any, ...]:
     """values as a tuple; ValueError unless it is a sequence of what can be told apart."""
     if isinstance(values, (str, bytes)) or not hasattr(values, "__iter__"):
         raise ValueError(f"{name}: got {show(values)}, must be a sequence of names")
@@ -143,7 +149,7 @@ def names(name, values):
     return values
 
 
-def check_shapes(mdp):
+def check_shapes(mdp: Model) -> tuple[int, int]:
     if mdp.prob.ndim != 3 or 0 in mdp.prob.shape:
         raise ValueError(f"prob: got shape {mdp.prob.shape}, must be (S, A, K) with S, A, K at least 1")
     S, A, _ = mdp.prob.shape
@@ -193,7 +199,7 @@ def _start(start, terminal):
     return 1.0 * (np.arange(terminal.size) == check_index("start", start, terminal.size))
 
 
-def canonical(mdp):
+def canonical(mdp: Model) -> list[Array]:
     """Arrays with equal outcomes merged, ordered by (s', r) and padding blanked: equal processes have equal arrays."""
     s_next, r, p = _ordered(mdp.next_state, mdp.reward, mdp.prob)
     for k in range(1, p.shape[2]):

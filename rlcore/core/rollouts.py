@@ -1,13 +1,19 @@
 """Rollouts of a policy network, and what PPO and TRPO learn from them (chapter 8)."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from rlcore.core.agents import ActorCritic
 from rlcore.core.checks import check_count, check_flag, show
 from rlcore.core.extras import extra
 from rlcore.core.results import Run
 from rlcore.core.rules import anything, checked, count, instance, rules, takes_none
+from rlcore.core.types import Array, Flags, Floats, OnEpisode, Rng, Rule
 
 
 def _hidden(name, hidden, given):
@@ -46,7 +52,7 @@ class Settings:
     clip_actions: bool = True
 
 
-def config_of(kind):
+def config_of(kind: type[Settings]) -> Rule:
     """The rule of a config: the defaults of its kind where None."""
     rule = instance(kind)
     return takes_none(lambda name, config, given: kind() if config is None else rule(name, config, given))
@@ -58,17 +64,17 @@ def config_of(kind):
 class OneEnv:
     """One environment with a vector environment's step: after an episode's end the next step is a reset."""
 
-    def __init__(self, env):
+    def __init__(self, env: Any) -> None:
         self.env, self.num_envs, self.over = env, 1, False
         self.single_observation_space, self.single_action_space = env.observation_space, env.action_space
         self._action = int if hasattr(env.action_space, "n") else np.asarray
 
-    def reset(self, *, seed):
+    def reset(self, *, seed: int) -> tuple[Any, dict[str, Any]]:
         self.over = False
         s, info = self.env.reset(seed=seed)
         return s[None], info
 
-    def step(self, actions):
+    def step(self, actions: Array) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         if self.over:
             self.over = False
             return self.env.reset()[0], 0.0, False, False, {}
@@ -78,7 +84,7 @@ class OneEnv:
 
 
 @checked(world=anything, n_envs=count())
-def vector_env(world, n_envs=1):
+def vector_env(world: Any, n_envs: int = 1) -> Any:
     """world, an id or an environment, as n_envs environments that take their steps together.
 
     An id with n_envs above 1 gives gymnasium's own vector environment of that task where it has one. The step after an
@@ -137,7 +143,9 @@ class Rollout:
     real: np.ndarray
 
 
-def collect(env, agent, s, over, T, *, clip_actions, rng):
+def collect(
+    env: Any, agent: ActorCritic, s: Floats, over: Flags, T: int, *, clip_actions: bool, rng: Rng
+) -> tuple[Rollout, Flags]:
     """(Rollout, over): T steps with the agent's policy from observations s (N, d). over: (N,), whose next step resets.
 
     Only observations and actions are kept: values and log-probabilities come in one batch afterwards. Noise is drawn
@@ -162,7 +170,9 @@ def collect(env, agent, s, over, T, *, clip_actions, rng):
     return Rollout(observations, actions, rewards, terminated, truncated, real), done[-1]
 
 
-def rollouts(env, agent, config, n_steps, on_episode, rng):
+def rollouts(
+    env: Any, agent: ActorCritic, config: Settings, n_steps: int, on_episode: OnEpisode | None, rng: Rng
+) -> Iterator[tuple[Rollout, Episodes]]:
     """Rollout after rollout, each with the policy of its time, and the `Episodes` so far, until n_steps are reached."""
     s, over = env.reset(seed=int(rng.spawn(1)[0].integers(2**31)))[0], np.zeros(env.num_envs, bool)
     episodes, stop = Episodes(env.num_envs, on_episode), False
@@ -177,11 +187,11 @@ def rollouts(env, agent, config, n_steps, on_episode, rng):
 class Episodes:
     """Returns and lengths of the episodes that ended so far, in order of time; steps counts all transitions."""
 
-    def __init__(self, N, on_episode):
+    def __init__(self, N: int, on_episode: OnEpisode | None) -> None:
         self.returns, self.lengths, self.steps, self.on_episode = [], [], 0, on_episode
         self._G, self._n = np.zeros(N), np.zeros(N, int)
 
-    def add(self, rollout):
+    def add(self, rollout: Rollout) -> bool:
         """Count a rollout in; True where on_episode asks to stop."""
         rows = zip(rollout.rewards, rollout.real, rollout.terminated | rollout.truncated)
         for rewards, real, done in rows:
@@ -197,7 +207,7 @@ class Episodes:
         return False
 
 
-def make_run(agent, episodes, history, fields):
+def make_run(agent: ActorCritic, episodes: Episodes, history: Any, fields: Sequence[str]) -> Run:
     """A Run whose history holds one record a rollout, with a field for each name."""
     history = np.array(history, [(name, float) for name in fields]).view(np.recarray)
     return Run(

@@ -4,8 +4,12 @@ A rule is rule(name, value, given): it returns the value that the code works wit
 argument, what came and what is allowed. given: the arguments before it, checked already, by name.
 """
 
+from __future__ import annotations
+
 import functools
 import inspect
+from collections.abc import Callable
+from typing import Any, overload
 
 import numpy as np
 
@@ -31,14 +35,15 @@ from rlcore.core.checks import (
     show,
     spaces,
 )
+from rlcore.core.types import Array, C, Checked, Checks, Given, Optimizer, P, R, Rule
 
 
-def count(least=1, most=LARGEST):
+def count(least: int = 1, most: int = LARGEST) -> Rule:
     """The rule of a whole number from `least` to `most`."""
     return lambda name, value, given: check_count(name, value, least, most)
 
 
-def sized(*others):
+def sized(*others: str | int) -> Rule:
     """The rule of a count that multiplies the entries of an array; others: numbers, and names of earlier arguments."""
 
     def rule(name, value, given):
@@ -49,12 +54,12 @@ def sized(*others):
     return rule
 
 
-def index(size):
+def index(size: Callable[[Given], int]) -> Rule:
     """The rule of a whole number below size(given)."""
     return lambda name, value, given: check_index(name, value, size(given))
 
 
-def choice(*allowed):
+def choice(*allowed: str) -> Rule:
     """The rule of one of the strings `allowed`."""
 
     def rule(name, value, given):
@@ -65,12 +70,12 @@ def choice(*allowed):
     return rule
 
 
-def function_of(what):
+def function_of(what: str) -> Rule:
     """The rule of something that can be called with `what`."""
     return lambda name, value, given: check_function(name, value, what)
 
 
-def array(*shape, kind=finite, empty=False):
+def array(*shape: str, kind: Callable[[str, Any], Array] = finite, empty: bool = False) -> Rule:
     """The rule of an array of as many dimensions as `shape` has letters; of numbers unless `kind` differs."""
 
     def rule(name, values, given):
@@ -83,7 +88,7 @@ def array(*shape, kind=finite, empty=False):
     return rule
 
 
-def like(other, kind=finite):
+def like(other: str, kind: Callable[[str, Any], Array] = finite) -> Rule:
     """The rule of an array of the shape of the argument `other`."""
 
     def rule(name, values, given):
@@ -95,7 +100,7 @@ def like(other, kind=finite):
     return rule
 
 
-def instance(kind, what=None):
+def instance(kind: Any, what: str | None = None) -> Rule:
     """The rule of an instance of a class, which `what` says more about."""
 
     def rule(name, value, given):
@@ -106,7 +111,7 @@ def instance(kind, what=None):
     return rule
 
 
-def elementwise(*others, kind=finite):
+def elementwise(*others: str, kind: Callable[[str, Any], Array] = finite) -> Rule:
     """The rule of a number, or of an array that fits to the arguments `others`, number by number."""
 
     def rule(name, values, given):
@@ -121,12 +126,12 @@ def elementwise(*others, kind=finite):
     return rule
 
 
-def rule_of(check):
+def rule_of(check: Callable[[str, Any], Any]) -> Rule:
     """The rule of a check(name, value)."""
     return lambda name, value, given: check(name, value)
 
 
-def check_dtype(name, dtype, given=None):
+def check_dtype(name: str, dtype: Any, given: Given | None = None) -> np.dtype[Any]:
     """dtype as a numpy.dtype; ValueError unless float32 or float64."""
     try:
         found = None if dtype is None else np.dtype(dtype)
@@ -137,14 +142,14 @@ def check_dtype(name, dtype, given=None):
     return found
 
 
-def check_optimizer(name, optimizer, given=None):
+def check_optimizer(name: str, optimizer: Any, given: Given | None = None) -> Optimizer:
     """optimizer; ValueError unless it has what a network's step calls."""
     if not callable(getattr(optimizer, "update", None)) or isinstance(optimizer, type):
         raise ValueError(f"{name}: got {show(optimizer)}, must be an SGD or Adam")
     return optimizer
 
 
-def anything(name, value, given):
+def anything(name: str, value: Any, given: Given) -> Any:
     """The rule of an argument that the function itself, or what it calls, checks."""
     return value
 
@@ -157,12 +162,12 @@ def _pi(name, pi, given):
     return check_pi(given["mdp"].legal if "mdp" in given else spaces(given["world"])[0], pi)
 
 
-def rules(rule, names):
+def rules(rule: Rule, names: str) -> dict[str, Rule]:
     """One rule under several names."""
     return dict.fromkeys(names.split(), rule)
 
 
-def takes_none(rule):
+def takes_none(rule: Any) -> Any:
     """Mark a rule that is asked even where the default None came."""
     rule.takes_none = True
     return rule
@@ -207,7 +212,13 @@ RULES = {
 }
 
 
-def checked(function=None, /, **special):
+@overload
+def checked(function: C, /, **special: Rule) -> C: ...  # type: ignore[overload-overlap]
+@overload
+def checked(function: Callable[P, R], /, **special: Rule) -> Checked[P, R]: ...
+@overload
+def checked(**special: Rule) -> Checks: ...
+def checked(function: Any = None, /, **special: Rule) -> Any:
     """The function, its arguments checked by name: as RULES says, or as `special` where a name means another thing.
 
     An argument whose default is None may be None. A class: what makes its instances. `unchecked`: the function itself,
@@ -216,7 +227,7 @@ def checked(function=None, /, **special):
     if function is None:
         return functools.partial(checked, **special)
     if isinstance(function, type):
-        function.__init__ = checked(function.__init__, **special)
+        function.__init__ = checked(function.__init__, **special)  # type: ignore[misc]
         return function
     check, signature = checker(function, special), inspect.signature(function)
     others = takes_others(signature)
@@ -229,17 +240,17 @@ def checked(function=None, /, **special):
         bound = inspect.BoundArguments(signature, given)
         return function(*bound.args, **bound.kwargs)
 
-    call.unchecked = function
+    call.unchecked = function  # type: ignore[attr-defined]
     return call
 
 
-def takes_others(signature):
+def takes_others(signature: inspect.Signature) -> bool:
     """Whether a function takes arguments beyond those that it names."""
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     return any(parameter.kind in kinds for parameter in signature.parameters.values())
 
 
-def checker(function, special):
+def checker(function: Callable[..., Any], special: dict[str, Rule]) -> Callable[..., Given]:
     """A function of the same arguments that returns them as they come out of their rules, {name: value}."""
     signature = inspect.signature(function)
     parameters, others = signature.parameters.values(), takes_others(signature)

@@ -1,15 +1,19 @@
 """Drawing from tables of probabilities, in compiled loops, too."""
 
+from __future__ import annotations
+
 from collections import namedtuple
+from typing import Any
 
 import numpy as np
 
 from rlcore.core.compiled import compiled
+from rlcore.core.types import ArrayLike, Floats, Rng
 
 Sampler = namedtuple("Sampler", "next_state reward cdf terminal start_cdf")
 
 
-def cumulative(prob):
+def cumulative(prob: ArrayLike) -> Floats:
     """Cumulative probabilities along the last axis, exactly 1 from the last positive entry on."""
     prob = np.asarray(prob)
     positive_after = np.cumsum(prob[..., ::-1] > 0, axis=-1)[..., ::-1] - (prob > 0)
@@ -17,7 +21,7 @@ def cumulative(prob):
 
 
 @compiled
-def draw(cdf, rng):
+def draw(cdf: Floats, rng: Rng) -> int:
     """Index drawn from cumulative probabilities cdf, (K,)."""
     u = rng.random()
     k = 0
@@ -27,7 +31,7 @@ def draw(cdf, rng):
 
 
 @compiled
-def step(world, s, a, rng):
+def step(world: Any, s: int, a: int, rng: Rng) -> tuple[int, float]:
     """One transition (s', r) of the sampled process. eq-1"""
     k = draw(world.cdf[s, a], rng)
     return world.next_state[s, a, k], world.reward[s, a, k]

@@ -1,6 +1,10 @@
 """Where experience comes from: the same loop on a FiniteMDP, compiled, or on a gymnasium environment, interpreted."""
 
+from __future__ import annotations
+
 import types
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -10,25 +14,26 @@ from rlcore.core.compiled import HAVE_NUMBA, compiled
 from rlcore.core.extras import extra
 from rlcore.core.rules import takes_none
 from rlcore.core.sampling import draw, step
+from rlcore.core.types import Floats, Given, Ints, Rng, World
 
 FOREVER = np.iinfo(np.int64).max
 
 
 @compiled
-def reset(world, rng):
+def reset(world: Any, rng: Rng) -> int:
     """First state of an episode."""
     return draw(world.start_cdf, rng)
 
 
 @compiled
-def act(world, s, a, rng):
+def act(world: Any, s: int, a: int, rng: Rng) -> tuple[int, float, bool, bool]:
     """(s', r, terminated, truncated) of one step. A FiniteMDP truncates nothing: the loops count max_steps."""
     s_next, r = step(world, s, a, rng)
     return s_next, r, world.terminal[s_next], False
 
 
 @compiled
-def episode(world, pi_cdf, max_steps, rng):
+def episode(world: Any, pi_cdf: Floats, max_steps: int, rng: Rng) -> tuple[Ints, Ints, Floats, bool]:
     """One episode under pi: states (T + 1,), actions (T,), rewards (T,), and whether its last state is terminal."""
     states, actions, rewards = np.empty(257, np.int64), np.empty(256, np.int64), np.empty(256)
     s, t, done, terminated = reset(world, rng), 0, False, False
@@ -49,7 +54,7 @@ def episode(world, pi_cdf, max_steps, rng):
 
 
 @compiled
-def total(rewards):
+def total(rewards: Floats) -> float:
     """The sum of an episode's rewards, in their order."""
     G = 0.0
     for r in rewards:
@@ -66,7 +71,7 @@ def _act_env(env, s, a, rng):
     return int(s_next), float(r), bool(terminated), bool(truncated)
 
 
-def run_loop(loop, world, *args, rng):
+def run_loop(loop: Callable[..., Any], world: World, *args: Any, rng: Rng) -> Any:
     """loop(world, *args, rng) on a FiniteMDP; where world is an environment, the same body with its reset and step.
 
     The environment draws from `rng`, too, so that MDPEnv(mdp) gives what mdp gives, bit by bit.
@@ -92,7 +97,7 @@ def _interpreted(loop, **changes):
 RECORDERS = {"episode", "softmax_episode"}  # compiled functions that act in the world, called by learners
 
 
-def open_world(name, world, given=None):
+def open_world(name: str, world: Any, given: Given | None = None) -> Any:
     """world; an id is made an environment. ValueError where there is none of that name."""
     if not isinstance(world, str):
         return world
@@ -106,7 +111,7 @@ def open_world(name, world, given=None):
         raise ValueError(message) from None
 
 
-def tabular_world(name, world, given):
+def tabular_world(name: str, world: Any, given: Given) -> Any:
     """The rule of a world whose states and actions are numbered."""
     world = open_world(name, world)
     spaces(world)
@@ -114,7 +119,7 @@ def tabular_world(name, world, given):
 
 
 @takes_none
-def step_limit(name, max_steps, given):
+def step_limit(name: str, max_steps: Any, given: Given) -> int:
     """The rule of max_steps: None, for no limit, is refused where an episode may never end."""
     if max_steps is not None:
         return check_count(name, max_steps)

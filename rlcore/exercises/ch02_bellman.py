@@ -177,7 +177,7 @@ Exercise(
                 V = np.where(terminal, 0.0, V)
                 return (prob * (reward + gamma * V[next_state])).sum(axis=2).max(axis=1)
             """,
-            "takes the best action: this is the optimality equation (16), (12) averages over the policy",
+            "takes the best action: this is the optimality equation (2.16); (2.12) averages over the policy",
         ),
         Wrong(
             """

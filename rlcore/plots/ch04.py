@@ -1,14 +1,33 @@
 """Figures of chapter 4: temporal differences."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from rlcore.plots.style import PALETTE, SMALL, arrow, band, box, circle, new_diagram, new_figure, styles
+from rlcore.core.types import ArrayLike
+from rlcore.plots.style import (
+    PALETTE,
+    SMALL,
+    Curves,
+    Figure,
+    Point,
+    arrow,
+    band,
+    box,
+    circle,
+    new_diagram,
+    new_figure,
+    styles,
+)
 
 BLUE, RED, GREY = (PALETTE[name] for name in ("blue", "vermillion", "grey"))
 
 
-def predictions(elapsed, predicted, targets, alpha, title):
+def predictions(elapsed: ArrayLike, predicted: ArrayLike, targets: Sequence[Any], alpha: float, title: str) -> Figure:
     """Predicted totals of a journey along its time, and what each is moved to. fig-14, fig-15, table-driving
 
     elapsed, predicted, targets: (n,) minutes. Each prediction moves the fraction alpha of the way to its target.
@@ -31,7 +50,7 @@ def predictions(elapsed, predicted, targets, alpha, title):
     return fig
 
 
-def walk_graph(n, right, states=(), names=None):
+def walk_graph(n: int, right: float, states: ArrayLike = (), names: Sequence[Any] | None = None) -> Figure:
     """The random walk as a graph, and below it the walk of one episode, downwards in time. fig-16
 
     right: probability of a step to the right. states: the states met, 0 and n + 1 being the ends.
@@ -62,7 +81,10 @@ def walk_graph(n, right, states=(), names=None):
     return fig
 
 
-def error_curves(curves, *, ylabel="RMS error over the states", xlabel="episodes", ylim=(0, 0.26), height=4.4):
+def error_curves(
+    curves: Curves, *, ylabel: str = "RMS error over the states", xlabel: str = "episodes", ylim: Point = (0, 0.26),
+    height: float = 4.4,
+) -> Figure:  # fmt: skip
     """Mean over runs with its standard error; curves: {label: (n_runs, n + 1)}. fig-17, fig-18"""
     fig, ax = new_figure(height=height)
     for (label, values), style in zip(curves.items(), styles(curves).values()):
@@ -73,7 +95,7 @@ def error_curves(curves, *, ylabel="RMS error over the states", xlabel="episodes
     return fig
 
 
-def estimates_against_truth(truth, estimates, title):
+def estimates_against_truth(truth: ArrayLike, estimates: Curves, title: str) -> Figure:
     """Estimates of several methods beside the true values; estimates: {label: (S,)}. fig-18"""
     fig, ax = new_figure(height=3.8)
     x = np.arange(1, truth.size + 1)
@@ -86,7 +108,7 @@ def estimates_against_truth(truth, estimates, title):
     return fig
 
 
-def predictor_graph(p_b, p_one, values):
+def predictor_graph(p_b: float, p_one: float, values: ArrayLike) -> Figure:
     """Most likely model of the predictor's episodes: A leads to B, B ends with 1 or 0. fig-19
 
     p_b: share of A's transitions that go to B. p_one: share of B's ends with reward 1. values: {label: (V(A), V(B))}.
@@ -117,7 +139,7 @@ def _cliff(foot=-0.6):
     return fig, ax
 
 
-def cliff_paths(paths, title=""):
+def cliff_paths(paths: Curves, title: str = "") -> Figure:
     """The cliff world with greedy paths; paths: {label: list of states}, drawn with a small offset each. fig-22"""
     fig, ax = _cliff(-2.0)
     for k, ((label, states), style) in enumerate(zip(paths.items(), styles(paths).values())):
@@ -129,7 +151,7 @@ def cliff_paths(paths, title=""):
     return fig
 
 
-def reward_curves(returns, *, window=10, ylim=(-100, 0), title=""):
+def reward_curves(returns: Curves, *, window: int = 10, ylim: Point = (-100, 0), title: str = "") -> Figure:
     """Sum of rewards per episode, smoothed over `window` episodes; mean and standard error over runs. fig-22
 
     returns: {label: (n_runs, n_episodes)}. ylim: the axis, which reaches further down where a curve ends below it.
@@ -147,7 +169,7 @@ def reward_curves(returns, *, window=10, ylim=(-100, 0), title=""):
     return fig
 
 
-def value_paths(runs, ends, *, names=("V(A)", "V(B)")):
+def value_paths(runs: Curves, ends: Curves, *, names: Sequence[Any] = ("V(A)", "V(B)")) -> Figure:
     """How pairs of estimates move in the plane; runs: {label: (n, 2)}, ends: {label: point}. cl-047"""
     fig, ax = new_figure(height=4.6)
     for (label, path), style in zip(runs.items(), styles(runs).values()):
@@ -161,7 +183,7 @@ def value_paths(runs, ends, *, names=("V(A)", "V(B)")):
     return fig
 
 
-def cliff_step(update, names, title, *, target, alpha=0.5):
+def cliff_step(update: Any, names: Sequence[str], title: str, *, target: str, alpha: float = 0.5) -> Figure:
     """One update of a control method on the cliff: where it is, what it does, the line of code, its numbers.
 
     fig-20, fig-21. update: rlcore.studies.ch04.Update. names: of the actions. target: what the rule bootstraps from, in

@@ -1,13 +1,19 @@
 """Figures of chapter 5: eligibility traces."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
-from rlcore.plots.style import PALETTE, SMALL, arrow, band, new_diagram, new_figure, styles
+from rlcore.core.types import ArrayLike, Floats
+from rlcore.plots.style import PALETTE, SMALL, Curves, Figure, Point, arrow, band, new_diagram, new_figure, styles
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 
 
-def backup_spectrum(steps, weights=None, title=""):
+def backup_spectrum(steps: Sequence[Any], weights: ArrayLike | None = None, title: str = "") -> Figure:
     """Backup diagrams side by side, each a chain of states and actions. om-spectrum-figure, fig-23
 
     steps: how many steps each looks ahead; the last one reaches the end. weights: written under the columns.
@@ -30,7 +36,7 @@ def backup_spectrum(steps, weights=None, title=""):
     return fig
 
 
-def return_weights(weights, lam):
+def return_weights(weights: ArrayLike, lam: float) -> Figure:
     """Weights of the n-step returns in the lambda-return, the complete return in red. fig-24"""
     fig, ax = new_figure(height=3.6)
     n = np.arange(1, weights.size + 1)
@@ -43,7 +49,7 @@ def return_weights(weights, lam):
     return fig
 
 
-def time_line(states, t, heights, title, *, forward):
+def time_line(states: ArrayLike, t: int, heights: ArrayLike, title: str, *, forward: bool) -> Figure:
     """An episode as a row of states; from time t, bars and arcs forward to rewards or back to states. fig-25, fig-27
 
     states: (T + 1,). heights: forward, the effect of R_{t+1} ... R_T on the target, (T - t,); backward, what the states
@@ -72,7 +78,7 @@ def time_line(states, t, heights, title, *, forward):
     return fig
 
 
-def visit_credits(states, t, gamma_lam, trace, alpha=1.0):
+def visit_credits(states: ArrayLike, t: int, gamma_lam: float, trace: str, alpha: float = 1.0) -> Floats:
     """What each visit up to time t has left in the trace of its state at time t, (t + 1,). fig-27
 
     A visit fades by gamma_lam a step. trace: "accumulating" visits add up, "replacing" keeps the last one of a state
@@ -84,7 +90,7 @@ def visit_credits(states, t, gamma_lam, trace, alpha=1.0):
     return float(gamma_lam) ** (t - k) * kept**later
 
 
-def trace_courses(courses, visits, title=""):
+def trace_courses(courses: Curves, visits: ArrayLike, title: str = "") -> Figure:
     """The trace of one state in time, a panel for each kind, its visits marked. fig-26; courses: {kind: (n,)}."""
     fig, axes = new_figure(len(courses), 1, height=5.4, sharex=True, sharey=True)
     for ax, (kind, course), style in zip(axes, courses.items(), styles(courses).values()):
@@ -99,7 +105,10 @@ def trace_courses(courses, visits, title=""):
     return fig
 
 
-def sweep(curves, *, xlabel="step size α", ylabel="RMS error, first 10 episodes", ylim=(0.23, 0.56), title=""):
+def sweep(
+    curves: Curves, *, xlabel: str = "step size α", ylabel: str = "RMS error, first 10 episodes",
+    ylim: Point = (0.23, 0.56), title: str = "",
+) -> Figure:  # fmt: skip
     """Error against step size, one curve a setting, with its standard error; curves: {label: (x, (n_x, n_runs))}.
 
     ex-random-walk-19, alg-n-step-online
@@ -113,7 +122,7 @@ def sweep(curves, *, xlabel="step size α", ylabel="RMS error, first 10 episodes
     return fig
 
 
-def cut_histogram(cuts, title, *, steps=None):
+def cut_histogram(cuts: ArrayLike, title: str, *, steps: int | None = None) -> Figure:
     """How many steps a trace grows before an exploratory action cuts it. fig-29
 
     steps: all steps taken, also those of traces that the goal ended; with it the title tells how many there are to a

@@ -71,6 +71,9 @@ def test_every_row_of_the_ledger_has_its_anchor(parsed):
         if row.get("status") != "missing":
             page, anchor = row["page"].split("#")
             assert anchor in parsed[f"book/{page}.html"].ids, row["id"]
+            if "record" in row:
+                page, anchor = row["record"].split("#")
+                assert anchor in parsed[f"book/{page}.html"].ids, row["id"]
             for name in row["code"]:
                 assert name in parsed["book/appendix_api.html"].ids, f"{name} is not on the API page"
 
@@ -82,11 +85,28 @@ def test_images_have_alt_text(parsed):
 
 
 @pytest.mark.parametrize("page", CHAPTERS)
-def test_equations_carry_the_numbers_of_the_document(page):
-    text = (HTML / page).read_text(encoding="utf-8")
-    shown = re.findall(r'id="equation-eq-(\d+)">\s*(?:<span id="[^"]*"></span>)?\s*<span class="eqno">\((\d+)\)<', text)
-    assert all(label == number for label, number in shown)
+def test_equations_carry_the_numbers_of_chapter_and_document(page):
+    text, chapter = (HTML / page).read_text(encoding="utf-8"), re.search(r"/0(\d)_", page)[1]
+    label = r'id="equation-eq-(\d+)">\s*(?:<span id="[^"]*"></span>)?\s*<span class="eqno">\(([\d.]+)\)<'
+    shown = re.findall(label, text)
+    assert all(f"{chapter}.{label}" == number for label, number in shown)
     assert len(shown) == len(re.findall(r'id="equation-eq-\d+"', text))
+
+
+def test_no_two_equations_share_a_number():
+    texts = [(HTML / page).read_text(encoding="utf-8") for page in PAGES]
+    numbers = [number for text in texts for number in re.findall(r'<span class="eqno">\(([\d.]+)\)<', text)]
+    assert len(numbers) == len(set(numbers)) > 60
+
+
+def test_marks_lead_to_the_record_and_back(parsed):
+    for row in yaml.safe_load((ROOT / "book" / "concordance.yml").read_text(encoding="utf-8")):
+        if "record" not in row:
+            continue
+        for here, there in ((row["page"], row["record"]), (row["record"], row["page"])):
+            page, (target, anchor) = here.split("#")[0], there.split("#")
+            links = {urljoin(f"/book/{page}.html", link) for link in parsed[f"book/{page}.html"].links}
+            assert f"/book/{target}.html#{anchor}" in links, (row["id"], here)
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -1,4 +1,5 @@
-"""Short ways to link: {task}`ch01-first-visit` to an exercise, {tasks}`01_mdp` to all of a page, {fn}`td.sarsa` to the API."""
+"""Short ways to link: {task}`ch01-first-visit` to an exercise, {tasks}`01_mdp` to all of a page, {fn}`td.sarsa` to the
+API."""
 
 import json
 import re

@@ -33,8 +33,8 @@ def here(app):
 def mark(docname, letter, words, target):
     page, anchor = target
     address = posixpath.relpath(page, posixpath.dirname(docname.removeprefix("book/")) or ".") + f".html#{anchor}"
-    link = nodes.reference("", letter, refuri=address, internal=True, reftitle=words, classes=["mark"])
-    return nodes.superscript("", "", link, classes=["mark"])
+    link = nodes.reference("", letter, refuri=address, internal=True, reftitle=words, classes=["to-record"])
+    return nodes.superscript("", "", link, classes=["to-record"])
 
 
 def add_marks(app, doctree):
