@@ -200,11 +200,12 @@ def cliff_step(update: Any, names: Sequence[str], title: str, *, target: str, al
         if same:  # the ring goes round the filled circle
             ax.patches[-1].set(fill=False, linewidth=2.6)
     goal = update.old + (update.new - update.old) / alpha
+    old = f"({update.old:.2f})" if update.old < 0 else f"{update.old:.2f}"
     move = f"{names[update.a]}" + (", back to s" if update.s_next == update.s else "")
     lines = [
         "Q[s, a] += alpha * (target − Q[s, a])",
         f"a = {move};  target = R + {target} = {goal:.2f}",
-        f"{update.old:.2f} + {alpha:g} · ({goal:.2f} {-update.old:+.2f}) = {update.new:.2f}",
+        f"{update.old:.2f} + {alpha:g} · ({goal:.2f} − {old}) = {update.new:.2f}",
     ]
     for k, line in enumerate(lines):
         font = {"family": "DejaVu Sans Mono"} if k == 0 else {}
@@ -212,7 +213,7 @@ def cliff_step(update: Any, names: Sequence[str], title: str, *, target: str, al
         ax.text(
             5.5,
             -1.2 - 1.0 * k,
-            line.replace("-0.00", "0.00").replace("-", "−"),
+            line.replace("-", "−"),
             ha="center",
             va="center",
             fontsize=SMALL,
