@@ -9,6 +9,7 @@ import yaml
 
 BOOK = Path(__file__).parents[1] / "book"
 RECORDS = sorted((BOOK / "record").glob("0*.ipynb"))
+RECORDS = [path for path in RECORDS if not path.name.startswith("09")]  # the conclusion has a form of its own
 CHAPTERS = [BOOK / path.name for path in RECORDS]
 ROWS = yaml.safe_load((BOOK / "concordance.yml").read_text(encoding="utf-8"))
 COLUMNS, LINES = 88, 10
