@@ -76,6 +76,7 @@ def test_arm_tells_when_it_is_there_and_how_much_voltage_it_took(penalty):
 def test_office_tells_reward_and_cans_and_draws_the_way():
     office = can_robot()
     walk = rollout(office, uniform_policy(office), 40, rng=np.random.default_rng(1))
+    walk = Trajectory(walk.states, walk.actions, np.arange(1.0, walk.rewards.size + 1), walk.terminated)
     for t in (0, 7, len(walk.rewards)):
         fig = plots.can_office(office, walk, t)
         words = "\n".join(texts(fig))
