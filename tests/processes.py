@@ -40,7 +40,7 @@ class Process(Scope):
     def __init__(self, mdp, gamma, policies, arrays, greek=None, trajectories=()):
         n, m = mdp.prob.shape[:2]
         rewards = sorted({*mdp.reward[mdp.prob > 0]})
-        super().__init__({"s": range(n), "a": range(m), "r": rewards, "x": range(n)}, {}, (), gamma, greek,
+        super().__init__({"s": range(n), "a": range(m), "r": rewards, "x": range(n)}, {}, None, gamma, greek,
                          trajectories)  # fmt: skip
         self.outcomes = {
             (s, a): [
