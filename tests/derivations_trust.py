@@ -3,4 +3,3 @@ r"""The derivations of chapter 8: on which processes each is evaluated, which va
 REGISTRY = {}
 HARMLESS = {}
 BREAKS = {}
-

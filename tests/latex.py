@@ -25,7 +25,7 @@ IGNORED = (
 TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
 RELATIONS = ("=", "<", ">", r"\le", r"\ge", r"\approx")
 ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert", r"\rvert")
-WORDS = "pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min|clip|UP"
+WORDS = "omega|pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min|clip|UP"
 NAMES = rf"\\(?:{WORDS}|bar[a-zA-Z]|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
 TIMED = ("Delta", "r", "LCPI", "LCLIP", "LVF")  # functions whose index is a time: r_t(\theta)
 DOTS = [[r"\dots"], [r"\cdots"], [r"\ldots"], [r"\vdots"], [r"\ddots"]]
@@ -50,6 +50,9 @@ class Scope:
     def call(self, name, subscript, args):
         table = self.tables[name, subscript, len(args)]
         return table(*args) if callable(table) else table[tuple(int(x) for x in args)]
+
+    def gradient(self, f, x):
+        return gradient(f, x)
 
     def stand_in(self, h, state):
         """What stands for all that comes after the horizon h in G_t^h."""
@@ -112,6 +115,7 @@ def chain(latex):
     text = re.sub(r"\\begin\{bmatrix\}(.*?)\\end\{bmatrix\}", _bmatrix, latex, flags=re.S)
     text = re.sub(r"\\(?:begin|end)\{\w+\*?\}|\\\\(?:\[[^]]*\])?", " ", text)
     text = re.split(r",?\s*\\(?:q?quad)\b", text)[0] if r"\quad" in text or r"\qquad" in text else text
+    text = re.sub(r"\\hat\s*([mv])_t", r"\\bar\1 _t", text)  # of Adam: corrected, not estimated
     text = re.sub(IGNORED, " ", text).strip().rstrip(".,;")
     text = re.sub(r"\\bar\s+([a-zA-Z])", r"\\bar\1 ", text)
     text = re.sub(r"\\mathbf\s*\{?1\}?", r"\\ones ", text)
@@ -345,22 +349,24 @@ class Reader:
         """\\frac{\\partial J}{\\partial z_j^l}"""
         self.need("{"), self.need(r"\partial")
         what = self.need(self.peek() or "a cost")
+        of = self.places(*self.indices(what))
         self.need("}"), self.need("{"), self.need(r"\partial")
         token = self.need("w", "b", "z", "a")
-        slope = self.symbol(token, *self.indices(token), table="d" + what)
+        at = of + self.places(*self.indices(token))
         self.need("}")
-        return slope
+        kinds = ("d" + what, "d" + token) if of else (token, "d" + what)
+        return lambda scope, names: scope.call(*kinds, [i(scope, names) for i in at])
 
     def nabla(self):
         """The gradient of what follows with respect to theta, or W; to w where that is what it depends on."""
-        by = self.take("_") and self.need("a", "W", r"\theta")
+        by = self.take("_") and self.need("a", "h", "W", r"\theta")
         if by == "a":
             what = self.need("J")
             return lambda scope, names: scope.call("nabla_a", what, [])
         start = self.i
         body = self.factor()
-        variable = "W" if by == "W" else "w" if "w" in self.tokens[start : self.i] else "theta"
-        return lambda scope, names: gradient(lambda: body(scope, names), scope.tables[variable, "", 0])
+        variable = by if by in ("W", "h") else "w" if "w" in self.tokens[start : self.i] else "theta"
+        return lambda scope, names: scope.gradient(lambda: body(scope, names), scope.tables[variable, "", 0])
 
     def indices(self, token):
         """What stands below a letter, as tokens, and, where that counts layers, what stands above."""
@@ -379,14 +385,20 @@ class Reader:
             above = [self.group()]
         return below, above
 
-    def symbol(self, token, below, above, table="indexed"):
-        """w_{jk}^l, at l, j and k."""
-        split = [below] if {"+", "-"} & {*below} else [[token] for token in below]
-        at = above + [read(tokens) for tokens in split]
+    def places(self, below, above):
+        split = [below] if {"+", "-"} & {*below} else [[x] for i in below for x in (i if i.isdigit() else [i])]
+        return above + [read(tokens) for tokens in split]
+
+    def symbol(self, token, below, above):
+        """w_{jk}^l, at l, j and k. Where no layers are counted, w_i^2 is a square."""
+        at = self.places(below, above)
 
         def value(scope, names):
             index = [i(scope, names) for i in at]
-            return names[token, *index] if (token, *index) in names else scope.call(token, table, index)
+            plain = (token, *index[1:]) if below else token
+            if above and plain in names:
+                return names[plain] ** index[0]
+            return names[token, *index] if (token, *index) in names else scope.call(token, "indexed", index)
 
         return value
 
