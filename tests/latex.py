@@ -386,7 +386,9 @@ class Reader:
         return below, above
 
     def places(self, below, above):
-        split = [below] if {"+", "-"} & {*below} else [[x] for i in below for x in (i if i.isdigit() else [i])]
+        """w_{jk}^l, w_{12}^1: an index each where layers are counted; w_{10}, without a layer, is the tenth."""
+        apart = [x for i in below for x in (i if above and i.isdigit() else [i])]
+        split = [below] if {"+", "-"} & {*below} else [[x] for x in apart]
         return above + [read(tokens) for tokens in split]
 
     def symbol(self, token, below, above):
