@@ -3,3 +3,4 @@ r"""The derivations of chapter 8: on which processes each is evaluated, which va
 REGISTRY = {}
 HARMLESS = {}
 BREAKS = {}
+

@@ -293,7 +293,7 @@ class Reader:
     def is_entry(self):
         """Whether (s) or (s, a) comes next, which picks from what stands in brackets before it: (T_\\pi v)(s)."""
         found = [token for token in self.tokens[self.i : self.i + 5] if re.fullmatch("[(),]|[sa]'*", token)]
-        return re.match(r"\(s'*(,a'*)?\)", "".join(found)) and self.tokens[self.i + 1] == found[1]
+        return re.match(r"\(s'*(,[as]'*)?\)", "".join(found)) and self.tokens[self.i + 1] == found[1]
 
     def entry(self, of):
         args = self.need("(") and self.row(")")
@@ -462,7 +462,7 @@ class Reader:
     def variable(self, letter):
         """R_{t+1}, G_t, S_{t+1}, A_t; T."""
         if letter == "T":
-            return lambda scope, names: names.get("T", len(scope.rewards))
+            return lambda scope, names: names["T"] if "T" in names else len(scope.rewards)
         index = self.index()
         if letter == "R" and self.tokens[self.i : self.i + 3] == ["(", r"\tau", ")"]:
             self.i, letter = self.i + 3, "R(tau)"
