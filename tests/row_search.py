@@ -3,12 +3,13 @@
 import ast
 import re
 import sys
+from itertools import zip_longest
 from pathlib import Path
 
 import rows
 import yaml
 
-TRIES = 8
+TRIES = 5
 KINDS = [  # (pattern, replacement): the likeliest errors first
     (r"\bgamma \* ", ""),
     (r" \* gamma\b", ""),
@@ -28,6 +29,8 @@ KINDS = [  # (pattern, replacement): the likeliest errors first
     (r" == ", " != "),
     (r" != ", " == "),
     (r" not ", " "),
+    (r"\bgamma\b", "1.0"),
+    (r"\bpi\b(?!\[)", "np.ones_like(pi)"),
     (r"\baxis=1\b", "axis=0"),
     (r" and ", " or "),
     (r"\bTrue\b", "False"),
@@ -120,11 +123,28 @@ def wanted(chosen, pictures=False):
 
 
 def spans(names):
-    return {name: (str(Path(f).relative_to(rows.ROOT)), a, b) for name in names for f, a, b in [rows.span(name)]}
+    """{name: places of its source, and then of what it calls}"""
+    found = {}
+    for name in names:
+        thing, more = rows.resolved(name), []
+        if not isinstance(thing, type):
+            called = [thing.__globals__.get(n) for n in thing.__code__.co_names]
+            more = [f for f in called if getattr(f, "__module__", "").startswith("rlcore.") and callable(f)]
+        for part in [thing, *more]:
+            try:
+                found.setdefault(name, []).append(place(part))
+            except (TypeError, AttributeError, OSError):
+                continue
+    return found
+
+
+def place(thing):
+    f, a, b = rows.span_of(thing)
+    return str(Path(f).relative_to(Path(sys.path[0]))), a, b
 
 
 def search(worker, workers, chosen):
-    folder = rows.copy(rows.SCRATCH / f"copy{worker}")
+    folder = rows.copy(rows.SCRATCH / f"search{worker}")
     mine = list(wanted(chosen).items())[worker::workers]
     places = {}
 
@@ -135,8 +155,8 @@ def search(worker, workers, chosen):
     for line in rows.child(ask, rows.LIMIT):
         places = line
     for name, left in mine:
-        file, first, last = places[name]
-        for old, new in candidates(name, file, first, last)[:TRIES]:
+        first, *others = [[(p[0], *c) for c in candidates(name, *p)] for p in places[name]]
+        for file, old, new in [*first[:TRIES], *[c for few in zip_longest(*others) for c in few if c]][: TRIES + 2]:
             changed, better = rows.compiled_at(file, old), []
             with rows.broken(folder, file, old, new):
                 for line in rows.child(

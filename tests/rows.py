@@ -249,31 +249,44 @@ def compiled_at(file, old):
 
 
 class Tracer:
-    """Places (file, first line) of the Python functions that run; compiled ones by the call that starts them."""
+    """Which of the places {name: (file, first line, last line)} run; compiled ones by the call that starts them."""
 
-    def __init__(self, folder, compiled):
-        self.seen, self.root = set(), str(folder / "rlcore")
-        seen, call = self.seen, compiled._Lazy.__call__
+    def __init__(self, folder, compiled, places):
+        self.left, self.runs, self.met, self.root = places, [], set(), str(folder / "rlcore")
+        meet, call = self.meet, compiled._Lazy.__call__
 
         def noted(lazy, *args):
-            code = lazy.__wrapped__.__code__
-            seen.add((code.co_filename, code.co_firstlineno))
+            meet(lazy.__wrapped__.__code__)
             return call(lazy, *args)
 
         compiled._Lazy.__call__ = noted
 
+    def meet(self, code):
+        if code not in self.met:
+            self.met.add(code)
+            for name, (file, first, last) in list(self.left.items()):
+                if code.co_filename == file and first <= code.co_firstlineno <= last:
+                    self.runs.append(name)
+                    del self.left[name]
+
     def __call__(self, frame, event, arg):
         code = frame.f_code
-        if event == "call" and code.co_filename.startswith(self.root):
-            self.seen.add((code.co_filename, code.co_firstlineno))
+        if not self.left:
+            sys.setprofile(None)
+        elif event == "call" and code.co_filename.startswith(self.root):
+            self.meet(code)
             if code.co_name == "call" and code.co_filename.endswith("learner.py"):
-                loop = inspect.unwrap(frame.f_locals["loop"]).__code__
-                self.seen.add((loop.co_filename, loop.co_firstlineno))
+                self.meet(inspect.unwrap(frame.f_locals["loop"]).__code__)
 
 
 def span(name):
     """(file, first line, last line) of a dotted name's source, decorators included; in the child."""
-    thing = resolved(name)
+    return span_of(resolved(name))
+
+
+def span_of(thing):
+    if not isinstance(thing, type):
+        thing = inspect.unwrap(thing)
     file = inspect.getsourcefile(thing)
     if isinstance(thing, type):
         lines, first = inspect.getsourcelines(thing)
@@ -297,15 +310,14 @@ def resolved(name):
 
 def trace(folder, check):
     """Names of the ledger that a check executes, and how it fails, if it does, without any change; in the child."""
-    tracer = Tracer(folder, set_up(folder))
+    compiled = set_up(folder)
     names = sorted({name for row in ROWS.values() if check in row["check"] for name in row["code"]})
-    places = {name: span(name) for name in names}
+    tracer = Tracer(folder, compiled, {name: span(name) for name in names})
     sys.setprofile(tracer)
     ids = [row["id"] for row in ROWS.values() if check in row["check"]]
     result = run_check(folder, check, ids[0] if len(ids) == 1 else "")
     sys.setprofile(None)
-    runs = [n for n, (file, a, b) in places.items() if any(f == file and a <= line <= b for f, line in tracer.seen)]
-    return {"check": check, "runs": runs, "how": result}
+    return {"check": check, "runs": tracer.runs, "how": result}
 
 
 def tried(folder, changed, rows):
