@@ -116,7 +116,7 @@ def wanted(chosen, pictures=False):
     found = {}
     for row in chosen:
         names = sorted(rows.ROWS[row]["code"], key=lambda n: ".plots." not in n)
-        if row in have or (".plots." in names[0] and not pictures):
+        if row in have or (".plots." in names[0]) != pictures:
             continue
         found.setdefault(names[0], []).append(row)
     return found
@@ -143,9 +143,9 @@ def place(thing):
     return str(Path(f).relative_to(Path(sys.path[0]))), a, b
 
 
-def search(worker, workers, chosen):
-    folder = rows.copy(rows.SCRATCH / f"search{worker}")
-    mine = list(wanted(chosen).items())[worker::workers]
+def search(worker, workers, chosen, pictures):
+    folder = rows.copy(rows.SCRATCH / f"search{worker}{pictures:d}")
+    mine = list(wanted(chosen, pictures).items())[worker::workers]
     places = {}
 
     def ask():
@@ -160,7 +160,8 @@ def search(worker, workers, chosen):
             changed, better = rows.compiled_at(file, old), []
             with rows.broken(folder, file, old, new):
                 for line in rows.child(
-                    lambda left=left, changed=changed: rows.tried(folder, changed, left), rows.LIMIT
+                    lambda left=left, changed=changed, p=".plots." in name: rows.tried(folder, changed, left, p),
+                    rows.LIMIT,
                 ):
                     print(name, repr(new.strip()[:70]), line, flush=True)
                     if line["how"].startswith("assert") or line["how"].startswith("raises: ValueError"):
@@ -176,5 +177,5 @@ def search(worker, workers, chosen):
             print("UNNOTICED", name, left, flush=True)
 
 
-def main(chosen, workers):
-    return rows.parallel(lambda worker: search(worker, workers, chosen), workers)
+def main(chosen, workers, pictures=False):
+    return rows.parallel(lambda worker: search(worker, workers, chosen, pictures), workers)
