@@ -9,7 +9,7 @@ from pathlib import Path
 import rows
 import yaml
 
-TRIES = 5
+TRIES, SECONDS = 5, 100
 KINDS = [  # (pattern, replacement): the likeliest errors first
     (r"\bgamma \* ", ""),
     (r" \* gamma\b", ""),
@@ -68,7 +68,7 @@ def candidates(name, file, first, last):
         elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
             start = min([node.lineno, *(d.lineno for d in node.decorator_list)])
             skip |= {*range(start, node.body[0].lineno if isinstance(node, ast.FunctionDef) else node.lineno + 1)}
-        elif isinstance(node, ast.If) and isinstance(node.body[0], ast.Raise):
+        elif isinstance(node, ast.While) or (isinstance(node, ast.If) and isinstance(node.body[0], ast.Raise)):
             skip.add(node.lineno)
     found = []
     for kind, (pattern, new) in enumerate(PICTURE if ".plots." in name else KINDS):
@@ -84,7 +84,7 @@ def candidates(name, file, first, last):
             if after != line:
                 found.append((kind, number, after))
     seen, out = set(), []
-    for _, number, after in sorted(found, key=lambda f: (sum(g[1] == f[1] for g in found[: found.index(f)]), f[0])):
+    for _, number, after in sorted(found):
         old, new = whole(text, lines, number, after)
         try:
             ast.parse(text.replace(old, new))
@@ -144,7 +144,7 @@ def place(thing):
 
 
 def search(worker, workers, chosen, pictures):
-    folder = rows.copy(rows.SCRATCH / f"search{worker}{pictures:d}")
+    folder = rows.copy(rows.SCRATCH / f"search-{chosen[0]}-{worker}{pictures:d}")
     mine = list(wanted(chosen, pictures).items())[worker::workers]
     places = {}
 
@@ -155,14 +155,14 @@ def search(worker, workers, chosen, pictures):
     for line in rows.child(ask, rows.LIMIT):
         places = line
     for name, left in mine:
+        if name not in places:
+            print("NO SOURCE", name, flush=True)
+            continue
         first, *others = [[(p[0], *c) for c in candidates(name, *p)] for p in places[name]]
         for file, old, new in [*first[:TRIES], *[c for few in zip_longest(*others) for c in few if c]][: TRIES + 2]:
             changed, better = rows.compiled_at(file, old), []
             with rows.broken(folder, file, old, new):
-                for line in rows.child(
-                    lambda left=left, changed=changed, p=".plots." in name: rows.tried(folder, changed, left, p),
-                    rows.LIMIT,
-                ):
+                for line in rows.child(lambda left=left, c=changed: rows.tried(folder, c, left, True), SECONDS):
                     print(name, repr(new.strip()[:70]), line, flush=True)
                     if line["how"].startswith("assert") or line["how"].startswith("raises: ValueError"):
                         better.append(line["row"])
