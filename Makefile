@@ -13,7 +13,7 @@ HTML := _build/html
 RUN := $(BIN)/python tests/run.py
 NOTEBOOKS := $(wildcard book/*.ipynb book/record/*.ipynb)
 
-.PHONY: book html test test-all check pages notebooks lab outputs clean install lock mutation wheel
+.PHONY: book html test test-all check pages notebooks lab outputs clean install lock mutation rows wheel
 
 install: $(STAMP)
 
@@ -69,6 +69,10 @@ outputs: $(STAMP)
 # break every line on purpose: a test must fail (about an hour, resumable)
 mutation: $(STAMP)
 	@$(BIN)/python tests/mutation.py
+
+# break the code once or more for each row of the ledger: its own check must notice (an hour, resumable)
+rows: $(STAMP)
+	@$(BIN)/python tests/rows.py
 
 # wheel and sdist in _build/dist, tried in an environment that has nothing else
 wheel:
