@@ -159,7 +159,7 @@ def costs():
         yield scope, times(K=(K,), t=(0.2,), g=(slope(theta),))
 
 
-def differences(f, x, h=0.02):
+def differences(f, x, h=0.01):
     """The gradient of f() in every entry of x, by differences of the sixth order."""
     slope = None
     for i in np.ndindex(x.shape):
@@ -179,6 +179,11 @@ class Smooth(Scope):
 
     def gradient(self, f, x):
         return differences(f, x)
+
+    def slope(self, f, i):
+        """In the i-th entry of theta alone."""
+        theta = self.tables["theta", "", 0]
+        return differences(f, theta[i : i + 1])[0]
 
 
 def parabola():

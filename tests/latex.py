@@ -25,7 +25,9 @@ IGNORED = (
 TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
 RELATIONS = ("=", "<", ">", r"\le", r"\ge", r"\approx")
 ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert", r"\rvert")
-WORDS = "omega|pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min|clip|UP"
+WORDS = (
+    "ell|muold|[AqvPr]old|omega|pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min|clip|UP"
+)
 NAMES = rf"\\(?:{WORDS}|bar[a-zA-Z]|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
 TIMED = ("Delta", "r", "LCPI", "LCLIP", "LVF")  # functions whose index is a time: r_t(\theta)
 DOTS = [[r"\dots"], [r"\cdots"], [r"\ldots"], [r"\vdots"], [r"\ddots"]]
@@ -248,6 +250,9 @@ class Reader:
         if token == r"\frac":
             over, under = self.group(), self.group()
             return lambda scope, names: over(scope, names) / under(scope, names)
+        if token == r"\partial":  # \partial_i f: the slope in the i-th parameter
+            at, body = self.index(), self.factor()
+            return lambda scope, names: scope.slope(lambda: body(scope, names), int(at(scope, names)))
         if token == r"\nabla":
             return self.nabla()
         if token == r"\bmatrix":
@@ -266,6 +271,9 @@ class Reader:
             return self.extreme(lambda pairs: max(pairs)[1])
         if token == r"\max" and self.take(r"\{"):
             among = self.row(r"\}")
+            return lambda scope, names: np.max(among(scope, names))
+        if token == r"\max" and self.take("("):
+            among = self.row(")")
             return lambda scope, names: np.max(among(scope, names))
         if token in (r"\max", r"\sup"):
             return self.extreme(lambda pairs: max(pairs)[0])
@@ -400,6 +408,8 @@ class Reader:
             plain = (token, *index[1:]) if below else token
             if above and plain in names:
                 return names[plain] ** index[0]
+            if any(np.ndim(i) for i in index):  # \pi_\theta
+                return scope.call(token, "indexed", index)
             return names[token, *index] if (token, *index) in names else scope.call(token, "indexed", index)
 
         return value
@@ -468,6 +478,9 @@ class Reader:
             self.i, letter = self.i + 3, "R(tau)"
         if letter == "G" and self.take("^"):
             return self.to_horizon(index)
+        if letter == "A" and self.take("^"):  # A_t^{(k)}: an advantage of k steps
+            steps = self.group()
+            return lambda scope, names: scope.call("A", "steps", [index(scope, names), steps(scope, names)])
         if letter == "L" and self.take("^"):  # L_t^h: the lambda-return of what is known at h
             horizon = self.group()
             return lambda scope, names: scope.call("L", "timed", [index(scope, names), horizon(scope, names)])
@@ -751,7 +764,7 @@ def code(page, start):
 
 
 # what a wrong equation leads to: another number, or a text that cannot be read
-NOTICED = (AssertionError, SyntaxError, KeyError, IndexError, ValueError)
+NOTICED = (AssertionError, SyntaxError, KeyError, IndexError, ValueError, TypeError, ZeroDivisionError)
 
 
 def broken(equations, breaks):
