@@ -39,7 +39,8 @@ def actor_critic(
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, theta, k, record)
+        if note(world, history, theta, k, record):
+            break
     return theta, w, returns, lengths, history
 
 

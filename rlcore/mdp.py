@@ -187,7 +187,8 @@ class FiniteMDP(Model):
 
     def sampler(self) -> Sampler:
         """Arrays from which compiled loops draw: next_state, reward, cumulative probabilities, terminal, start."""
-        return Sampler(self.next_state, self.reward, cumulative(self.prob), self.terminal, cumulative(self.start))
+        terminal = self.terminal.astype(np.uint8)
+        return Sampler(self.next_state, self.reward, cumulative(self.prob), terminal, cumulative(self.start), np.zeros(2, np.int64))
 
     def predecessors(self) -> tuple[Ints, Ints]:
         """States from which each state can be reached in one step, as (indptr (S + 1,), indices): those of s are
@@ -288,7 +289,7 @@ def rollout(world: World, pi: ArrayLike, n_steps: int, *, s: int | None = None, 
     if s < 0:
         s, terminated, truncated = reset(world, rng), False, False
     else:
-        terminated, truncated = world.terminal[s], False
+        terminated, truncated = world.terminal[s] == 1, False
     states[0], t = s, 0
     while t < n_steps and not terminated and not truncated:
         actions[t] = draw(pi[s], rng)

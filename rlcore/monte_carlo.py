@@ -55,7 +55,8 @@ def mc_prediction(world, pi, gamma, n_episodes, *, first_visit=True, target="v",
             if not first_visit or first[x] == t:
                 N[x] += 1
                 average[x] += (G - average[x]) / N[x]
-        note(history, target, k, record)
+        if note(world, history, target, k, record):
+            break
     return target, returns, lengths, history, N
 
 
@@ -85,5 +86,6 @@ def constant_alpha_mc(world, pi, gamma, n_episodes, *, alpha, V0=0.0, first_visi
             if not first_visit or first[s] == t:
                 V[s] += at(alpha, N[s]) * (G - V[s])  # eq-18
                 N[s] += 1
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history, N

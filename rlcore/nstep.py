@@ -208,7 +208,8 @@ def n_step_td(world, pi, gamma, n, n_episodes, *, alpha, online=True, V0=0.0, ma
             V += change  # eq-29
             change[:] = 0.0
         lengths[k] = t
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history
 
 
@@ -238,5 +239,6 @@ def offline_lambda_return(
         if reading == "summed":
             V += change  # eq-29
             change[:] = 0.0
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history

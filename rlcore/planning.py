@@ -25,7 +25,7 @@ from rlcore.core.results import PlanningRun
 from rlcore.core.rules import anything, checked, count, index, sized, takes_none
 from rlcore.core.sampling import draw, step
 from rlcore.core.schedules import at, constant, now
-from rlcore.core.worlds import FOREVER, act, reset
+from rlcore.core.worlds import act, reset
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, rollout
 from rlcore.policies import control, epsilon_greedy, max_value, soft_greedy
@@ -198,12 +198,15 @@ def remember(memory, Q, s, a, untried):
             memory.n_actions[s] += 1
 
 
+NEVER = np.iinfo(np.int64).max
+
+
 @takes_none
 def _change(name, change, given):
     """The rule of a world to come: (step, FiniteMDP) with the same actions and terminal states."""
     world = given["world"]
     if change is None:
-        return FOREVER, world.sampler() if isinstance(world, FiniteMDP) else None
+        return NEVER, world.sampler() if isinstance(world, FiniteMDP) else None
     if not isinstance(change, (tuple, list)) or len(change) != 2 or not isinstance(change[1], FiniteMDP):
         raise ValueError(f"{name}: got {show(change)}, must be (step, FiniteMDP)")
     step, later = check_count(name, change[0], 0), change[1]
@@ -257,7 +260,8 @@ def dyna_q(
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, N, memory
 
 

@@ -78,7 +78,7 @@ def soft_greedy(Q, epsilon):
 
 def control(given, Q, returns, lengths, history, visits=None, kind=Run, **more):
     """The Run of a loop that learned Q: V its maximum, the policy epsilon-greedy in the last Q."""
-    epsilon = float(now(given["epsilon"], returns.size, lengths.sum()))
+    epsilon = float(now(given["epsilon"], np.count_nonzero(lengths), lengths.sum()))
     history = history if given["record"] else None
     policy = soft_greedy(Q, epsilon)
     return kind(returns, lengths, V=Q.max(axis=1), Q=Q, policy=policy, history=history, visits=visits, **more)

@@ -9,7 +9,7 @@ from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.rules import checked, takes_none
 from rlcore.core.schedules import at
-from rlcore.core.worlds import FOREVER, open_world, total
+from rlcore.core.worlds import MOST_STEPS, open_world, total
 from rlcore.distributions import Categorical
 from rlcore.mdp import discounted_returns
 from rlcore.nn import MLP, check_network
@@ -91,7 +91,8 @@ def reinforce(
                 g_w[:] = 0.0
             if discount_states:
                 discount *= gamma
-        note(history, theta, k, record)
+        if note(world, history, theta, k, record):
+            break
     return theta, w, returns, lengths, history
 
 
@@ -156,7 +157,7 @@ def reinforce_network(
     net, critic = make_networks(world, net, critic if baseline == "value" else False, alpha, alpha_w, rng)
     returns, lengths, earlier = [], [], TimeBaseline()
     world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
-    play = _player(world, net, max_steps or FOREVER, rng)
+    play = _player(world, net, max_steps or MOST_STEPS, rng)
     for _ in range(n_episodes):
         states, actions, rewards, terminated = play()
         returns.append(rewards.sum())

@@ -55,7 +55,8 @@ def td0(world, pi, gamma, n_episodes, *, alpha, V0=0.0, max_steps=None, record=0
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history, N
 
 
@@ -107,7 +108,8 @@ def sarsa(world, gamma, n_episodes, *, alpha, epsilon=None, pi=None, Q0=0.0, max
             returns[k] += r
             lengths[k] += 1
             s, a, done = s_next, a_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, N
 
 
@@ -133,7 +135,8 @@ def expected_sarsa(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_step
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, N
 
 
@@ -156,5 +159,6 @@ def q_learning(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_steps=No
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, N

@@ -151,7 +151,8 @@ def td_lambda(
         if not online:
             V += change  # eq-29
             change[:] = 0.0
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history
 
 
@@ -180,7 +181,8 @@ def true_online_td_lambda(world, pi, gamma, lam, n_episodes, *, alpha, V0=0.0, m
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history
 
 
@@ -217,7 +219,8 @@ def sarsa_lambda(
             returns[k] += r
             lengths[k] += 1
             s, a, done = s_next, a_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history
 
 
@@ -260,5 +263,6 @@ def watkins_q_lambda(
             returns[k] += r
             lengths[k] += 1
             s, a, done = s_next, a_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, np.array(cuts, np.int64)

@@ -185,12 +185,30 @@ def check_world(name: str, world: Any, given: Given | None = None) -> Model:
 
 
 def model_of(world: Any) -> Model | None:
-    """The FiniteMDP that world is, or that its MDPEnv plays; None where there is none."""
-    model = world if isinstance(world, Model) else getattr(getattr(world, "unwrapped", None), "mdp", None)
-    return model if isinstance(model, Model) else None
+    """The FiniteMDP that world is, or that its MDPEnv plays as it stands there; None where there is none."""
+    if isinstance(world, Model):
+        return world
+    model = getattr(getattr(world, "unwrapped", None), "mdp", None)
+    return model if isinstance(model, Model) and veil(world) is None else None
 
 
-def spaces(world: Any) -> tuple[Flags, Flags]:
+def veil(env: Any) -> str | None:
+    """Name of the first wrapper of env that changes observations, actions or rewards; None where there is none."""
+    while (inner := getattr(env, "env", None)) is not None and inner is not env:
+        kind = type(env)
+        changes = any(hasattr(kind, name) for name in ("observation", "action", "reward"))
+        if changes or any(getattr(env, f"_{name}_space", None) is not None for name in ("observation", "action")):
+            return kind.__name__
+        env = inner
+    return None
+
+
+def is_discrete(space: Any) -> bool:
+    """Whether a space is gymnasium's Discrete: numbers from `start` on, n of them."""
+    return hasattr(space, "n") and getattr(space, "shape", None) == ()
+
+
+def spaces(world: World) -> tuple[Flags, Flags]:
     """(legal, terminal) of a world, (S, A) and (S,) bool; every action is legal and no state known to be terminal in an
     environment that is not an MDPEnv.
 
@@ -199,12 +217,13 @@ def spaces(world: Any) -> tuple[Flags, Flags]:
     model = model_of(world)
     if model is not None:
         return model.legal, model.terminal
-    sizes = [getattr(getattr(world, f"{name}_space", None), "n", None) for name in ("observation", "action")]
-    if None in sizes:
-        kind = type(world).__name__
+    found = [getattr(world, f"{name}_space", None) for name in ("observation", "action")]
+    if not all(map(is_discrete, found)):
+        kind = type(world).__name__ if None in found else f"{type(world).__name__} with {found[0]} and {found[1]}"
         raise ValueError(
             f"world: got {kind}, must be a FiniteMDP or a gymnasium.Env with Discrete observations and actions"
         )
+    sizes = [int(space.n) for space in found]
     return np.ones(sizes, bool), np.zeros(sizes[0], bool)
 
 

@@ -36,7 +36,7 @@ class Run:
     returns, lengths: (n_episodes,), undiscounted sum of rewards and number of steps of each episode. V: (S,), or the
     critic. Q: (S, A). policy: what one acts with, (S, A) or a network. history: the estimates before the first and
     after each record-th episode, where `record` asks for them. visits: updates of each state (S,) or pair (S, A).
-    weights: theta of a linear policy, (A, d).
+    weights: theta of a linear policy, (A, d). interrupted: whether Ctrl-C ended it before its time.
     """
 
     returns: np.ndarray
@@ -47,14 +47,14 @@ class Run:
     history: np.ndarray | None = None
     visits: np.ndarray | None = None
     weights: np.ndarray | None = None
+    interrupted: bool = False
 
     def __repr__(self) -> str:
         size = f"{self.returns.size} episodes, {self.lengths.sum():,} steps"
-        held = {name: value for name, value in vars(self).items() if value is not None}
-        held = [
-            f"{k} {getattr(v, 'shape', type(v).__name__)}" for k, v in held.items() if k not in ("returns", "lengths")
-        ]
-        return f"{type(self).__name__}({', '.join([size, *held])})"
+        told = ("returns", "lengths", "interrupted")
+        held = {name: value for name, value in vars(self).items() if value is not None and name not in told}
+        held = [f"{k} {getattr(v, 'shape', type(v).__name__)}" for k, v in held.items()]
+        return f"{type(self).__name__}({', '.join([size, *held, *['interrupted'] * self.interrupted])})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

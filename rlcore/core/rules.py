@@ -244,9 +244,9 @@ def takes_others(signature: inspect.Signature) -> bool:
     return any(parameter.kind in kinds for parameter in signature.parameters.values())
 
 
-def checker(function: Callable[..., Any], special: dict[str, Rule]) -> Callable[..., Given]:
+def checker(function: Callable[..., Any], special: dict[str, Rule], signature: inspect.Signature | None = None) -> Callable[..., Given]:
     """A function of the same arguments that returns them as they come out of their rules, {name: value}."""
-    signature = inspect.signature(function)
+    signature = inspect.signature(function) if signature is None else signature
     parameters, others = signature.parameters.values(), takes_others(signature)
     every = {parameter.name: parameter.default for parameter in parameters}
     required = {parameter.name for parameter in parameters if parameter.default is parameter.empty}

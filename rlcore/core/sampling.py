@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from rlcore.core.compiled import compiled
 from rlcore.core.types import Floats, Rng
 
-Sampler = namedtuple("Sampler", "next_state reward cdf terminal start_cdf")
+Sampler = namedtuple("Sampler", "next_state reward cdf terminal start_cdf marks")
 
 
 def cumulative(prob: ArrayLike) -> Floats:

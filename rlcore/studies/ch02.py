@@ -128,5 +128,6 @@ def td0_groups(world, pi, gamma, n_episodes, *, groups, alpha, w0=0.0, max_steps
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, w, k, record)
+        if note(world, history, w, k, record):
+            break
     return w, returns, lengths, history, N
