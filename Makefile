@@ -1,5 +1,5 @@
 # make book   build the book to _build/html          make test      what every change must pass, in minutes
-# make check  lint, format, most unit tests          make test-all  that, and what takes longer
+# make check  lint, format, types, most unit tests   make test-all  that, and what takes longer
 # make lab    open the notebooks in JupyterLab       make outputs   run the notebooks and store what they show
 # make lock   pin all packages anew, with hashes     make wheel     build the package and try it by itself
 # make clean  remove what the build made

@@ -1,11 +1,14 @@
 """One-step actor-critic, for a policy that is linear in features and for a network (chapter 7)."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.rules import checked
 from rlcore.core.schedules import at
+from rlcore.core.types import ArrayLike, Network, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.distributions import Categorical
 from rlcore.policies import LINEAR, add_score, choose, dot, gradient, probabilities
@@ -15,14 +18,66 @@ from rlcore.td import td_error
 
 @learner(gradient, **LINEAR)
 def actor_critic(
-    world, gamma, n_episodes, *, alpha=0.01, alpha_w=0.01, features=None, theta0=0.0, w0=0.0, discount_states=False,
-    p_min=0.0, max_steps=None, record=0, rng,
-):  # fmt: skip
-    """One-step actor-critic: after each step, delta = R + gamma v_hat(S') - v_hat(S) moves both. alg-actor-critic
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate = 0.01, alpha_w: Rate = 0.01,
+    features: ArrayLike | None = None, theta0: ArrayLike = 0.0, w0: ArrayLike = 0.0, discount_states: bool = False,
+    p_min: float = 0.0, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """One-step actor-critic: after each step, delta = R + gamma v_hat(S') - v_hat(S) moves both.
 
-    Arguments and result as for `reinforce`. alpha_w = 0 leaves v_hat at w0. A step that truncates the episode
-    bootstraps like any other. cl-112, om-baseline-update
-    Source: Barto, Sutton and Anderson (1983); Sutton and Barto (2018), section 13.5.
+    alpha_w = 0 leaves v_hat at w0. A step that truncates the episode bootstraps like any other.
+
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium environment with numbered states and actions, or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : Rate
+        Step size, or decaying(...) with the episodes.
+    alpha_w : Rate
+        Step size of v_hat.
+    features : ArrayLike | None
+        x, (S, d), of policy and v_hat; one a state where None.
+    theta0 : ArrayLike
+        A number or (A, d).
+    w0 : ArrayLike
+        A number or (d,).
+    discount_states : bool
+        With the gamma^t of the theorem.
+    p_min : float
+        Floor of the probabilities.
+    max_steps : int | None
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
+    record : int
+        history keeps theta before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        weights is theta, V is v_hat.
+
+    Notes
+    -----
+    Ledger: alg-actor-critic, cl-112, om-baseline-update.
+
+    References
+    ----------
+    Barto, Sutton and Anderson (1983); Sutton and Barto (2018), section 13.5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore.actor_critic import actor_critic
+    >>> from rlcore.envs.grids import gridworld
+    >>> run = actor_critic(gridworld(), 0.9, 200, alpha=0.1, alpha_w=0.1, max_steps=200, rng=np.random.default_rng(0))
+    >>> bool(run.lengths[-20:].mean() < run.lengths[:20].mean())
+    True
     """
     theta, w, (X, legal), pi = theta0, w0, features, np.zeros(len(theta0))
     returns, lengths, history = log(theta, n_episodes, record)
@@ -46,10 +101,54 @@ def actor_critic(
 
 @checked(**NETWORKS)
 def actor_critic_network(
-    world, gamma, n_episodes, *, alpha=0.01, alpha_w=0.01, net=None, critic=None, discount_states=False,
-    max_steps=None, on_episode=None, rng,
-):  # fmt: skip
-    """One-step actor-critic with two networks. Arguments and result as for `reinforce_network`. alg-actor-critic"""
+    world: World, gamma: float, n_episodes: int, *, alpha: float = 0.01, alpha_w: float = 0.01,
+    net: Network | None = None, critic: Network | None = None, discount_states: bool = False,
+    max_steps: int | None = None, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """One-step actor-critic with two networks.
+
+    Parameters
+    ----------
+    world : World
+        gymnasium.Env with Box observations of shape (n,) and Discrete actions, or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : float
+        Step size of the policy.
+    alpha_w : float
+        Step size of v_hat.
+    net : Network | None
+        Maps observations to the logits of the actions; MLP or TorchNet with an optimizer, where None an MLP with 32
+        tanh neurons and Adam(alpha).
+    critic : Network | None
+        As net is, with one output and Adam(alpha_w).
+    discount_states : bool
+        With the gamma^t of the theorem.
+    max_steps : int | None
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
+    on_episode : OnEpisode | None
+        Called as on_episode(return, steps so far) after each; True ends the training.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        policy is net, V the critic.
+
+    Notes
+    -----
+    Ledger: alg-actor-critic.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import actor_critic_network
+    >>> actor_critic_network("CartPole-v1", 0.99, 3, rng=np.random.default_rng(0)).returns.shape
+    (3,)
+    """
     net, critic = make_networks(world, net, critic, alpha, alpha_w, rng)
     returns, lengths = [], []
     world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))

@@ -1,16 +1,23 @@
 """The values that a fixed set of episodes determines (chapter 4)."""
 
+from __future__ import annotations
+
 from collections import namedtuple
+from collections.abc import Iterable
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from rlcore.core.checks import as_integers, finite, show
 from rlcore.core.rules import checked
+from rlcore.core.types import ArrayLike, Floats, Given, Ints
 from rlcore.mdp import Trajectory, discounted_returns
 from rlcore.td import td_error
 
+Episodes: TypeAlias = Iterable[Trajectory | tuple[ArrayLike, ArrayLike]]  # or pairs of states and rewards
 
-def episode_pairs(name, episodes, given):
+
+def episode_pairs(name: str, episodes: Any, given: Given) -> list[tuple[Ints, Floats]]:
     """The rule of episodes, Trajectories or pairs: a list of (states, rewards)."""
     if isinstance(episodes, (str, bytes)) or not hasattr(episodes, "__iter__"):
         raise ValueError(f"{name}: got {show(episodes)}, must be Trajectories, or pairs of states and rewards")
@@ -43,14 +50,56 @@ def _ended(name, episodes, given):
 
 
 @checked(episodes=_ended)
-def batch_mc(episodes, n_states, gamma, *, unvisited=0.0, alpha=None, tol=1e-10, max_sweeps=100_000, each=False):
-    """V (S,) with the least squared error on the episodes: the mean return of each state. alg-batch-mc, cl-048
+def batch_mc(
+    episodes: Episodes, n_states: int, gamma: float, *, unvisited: float = 0.0, alpha: float | None = None,
+    tol: float = 1e-10, max_sweeps: int = 100_000, each: bool = False,
+) -> Floats:  # fmt: skip
+    """The values with the least squared error on the episodes: the mean return of each state.
 
-    episodes: Trajectories, or pairs (states (T + 1,), rewards (T,)), each run to its end: the last state is terminal
-    and worth 0. Every visit counts. unvisited: value of states that no episode meets. each: V after the first episode,
-    the first two, ..., as (n_episodes, S). alpha: None for the mean itself; a step size to reach it by sweeps that add
-    up alpha (G - V(s)) over all visits before V changes, from `unvisited` on until no V(s) changes by tol.
-    Raises ValueError where the sweeps diverge. Source: Sutton and Barto (2018), section 6.3.
+    Parameters
+    ----------
+    episodes : Episodes
+        Trajectories, or pairs (states (T + 1,), rewards (T,)), each run to its end: the last state is terminal and
+        worth 0. Every visit counts.
+    n_states : int
+        Number of states, S.
+    gamma : float
+        Discount, in [0, 1].
+    unvisited : float
+        Value of states that no episode meets.
+    alpha : float | None
+        None for the mean itself; a step size to reach it by sweeps that add up alpha (G - V(s)) over all visits before
+        V changes.
+    tol : float
+        Sweeps end where no V(s) changes by it.
+    max_sweeps : int
+        Most sweeps.
+    each : bool
+        V after the first episode, the first two, ..., as (n_episodes, S).
+
+    Returns
+    -------
+    Floats
+        (S,); with each, (n_episodes, S).
+
+    Raises
+    ------
+    ValueError
+        Where the sweeps diverge.
+
+    Notes
+    -----
+    Ledger: alg-batch-mc, cl-048.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 6.3.
+
+    Examples
+    --------
+    >>> from rlcore import batch_mc
+    >>> batch_mc([([0, 1, 2], [0.0, 0.0]), ([1, 2], [1.0]), ([1, 2], [1.0]), ([1, 2], [1.0])], 3, 1.0)
+    array([0.  , 0.75, 0.  ])
     """
     batch = _pool(episodes, n_states)
     G = np.concatenate([discounted_returns(rewards, gamma) for rewards in batch.rewards])
@@ -72,13 +121,56 @@ def _first_values(name, V0, given):
 
 
 @checked(episodes=_ended, V0=_first_values)
-def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sweeps=100_000):
-    """V (S,) that batch TD(0) settles at, the certainty-equivalence estimate. alg-batch-td, cl-046, cl-050
+def batch_td(
+    episodes: Episodes, n_states: int, gamma: float, *, alpha: float = 1e-3, tol: float = 1e-10, V0: ArrayLike = 0.0,
+    max_sweeps: int = 100_000,
+) -> Floats:  # fmt: skip
+    """The values that batch TD(0) settles at, the certainty-equivalence estimate.
 
     Each sweep adds up alpha (r + gamma V(s') - V(s)) over all steps of all episodes before V changes, until no V(s)
-    changes by tol. episodes: as for `batch_mc`. alpha: at most 1 / (visits of a state) is safe. V0: a number or (S,);
-    states that no episode meets keep it. Raises ValueError where the sweeps diverge.
-    Source: Sutton and Barto (2018), section 6.3.
+    changes by tol.
+
+    Parameters
+    ----------
+    episodes : Episodes
+        As for `batch_mc`.
+    n_states : int
+        Number of states, S.
+    gamma : float
+        Discount, in [0, 1].
+    alpha : float
+        At most 1 / (visits of a state) is safe.
+    tol : float
+        The sweeps end where no V(s) changes by it.
+    V0 : ArrayLike
+        A number or (S,); states that no episode meets keep it.
+    max_sweeps : int
+        Most sweeps.
+
+    Returns
+    -------
+    Floats
+        (S,).
+
+    Raises
+    ------
+    ValueError
+        Where the sweeps diverge.
+
+    Notes
+    -----
+    Ledger: alg-batch-td, cl-046, cl-050.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 6.3.
+
+    Examples
+    --------
+    >>> from rlcore import batch_td
+    >>> episodes = [([0, 1, 2], [0.0, 0.0]), ([1, 2], [1.0]), ([1, 2], [1.0]), ([1, 2], [1.0])]
+    >>> batch_td(episodes, 3, 1.0, alpha=0.1).round(6)
+    array([0.75, 0.75, 0.  ])
     """
     batch = _pool(episodes, n_states)
     s, s_next = batch.s, batch.s_next
@@ -91,10 +183,43 @@ def batch_td(episodes, n_states, gamma, *, alpha=1e-3, tol=1e-10, V0=0.0, max_sw
 
 
 @checked(episodes=_ended)
-def certainty_equivalence(episodes, n_states, gamma, *, unvisited=0.0, each=False):
-    """v (S,) of the most likely Markov process: transitions and rewards as counted. alg-certainty-equivalence, cl-050
+def certainty_equivalence(
+    episodes: Episodes, n_states: int, gamma: float, *, unvisited: float = 0.0, each: bool = False
+) -> Floats:
+    """The values of the most likely Markov process: transitions and rewards as counted.
 
-    episodes, unvisited, each: as for `batch_mc`. Source: Sutton and Barto (2018), section 6.3.
+    Parameters
+    ----------
+    episodes : Episodes
+        As for `batch_mc`.
+    n_states : int
+        Number of states, S.
+    gamma : float
+        Discount, in [0, 1].
+    unvisited : float
+        Value of states that no episode meets.
+    each : bool
+        V after the first episode, the first two, ..., as (n_episodes, S).
+
+    Returns
+    -------
+    Floats
+        (S,); with each, (n_episodes, S).
+
+    Notes
+    -----
+    Ledger: alg-certainty-equivalence, cl-050.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 6.3.
+
+    Examples
+    --------
+    >>> from rlcore import certainty_equivalence
+    >>> episodes = [([0, 1, 2], [0.0, 0.0]), ([1, 2], [1.0]), ([1, 2], [1.0]), ([1, 2], [1.0])]
+    >>> certainty_equivalence(episodes, 3, 1.0)
+    array([0.75, 0.75, 0.  ])
     """
     batch = _pool(episodes, n_states)
     N, total = _sums(batch, 1.0, each), _sums(batch, batch.r, each)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.bellman import error_bound, greedy, policy_error_bound, q_from_v, solve_policy
 from rlcore.core.chains import chain, reaches
@@ -11,7 +10,7 @@ from rlcore.core.checks import check_policy
 from rlcore.core.compiled import compiled
 from rlcore.core.results import Solution
 from rlcore.core.rules import checked
-from rlcore.core.types import Flags, Floats, Ints
+from rlcore.core.types import ArrayLike, Flags, Floats, Ints
 from rlcore.mdp import FiniteMDP, uniform_policy
 
 
@@ -20,12 +19,55 @@ def policy_evaluation(
     mdp: FiniteMDP, pi: ArrayLike, gamma: float, *, tol: float = 1e-8, V0: ArrayLike = 0.0, in_place: bool = False,
     max_iter: int = 100_000, record: int = 0,
 ) -> Solution:  # fmt: skip
-    """v_pi by sweeps of the Bellman equation (12). om-policy-evaluation, alg-policy-evaluation
+    """The values v_pi by sweeps of the Bellman equation (12).
 
-    Stops when no value changes by tol or more in a sweep. in_place: a sweep uses the values that it has just computed
-    (one array, states in order) instead of those of the sweep before (two arrays). record: history keeps V before the
-    first and after each record-th sweep; 0 keeps none. Returns a Solution. Raises ValueError at gamma = 1 where pi is
-    improper. Source: Sutton and Barto (2018), section 4.1.
+    Stops when no value changes by tol or more in a sweep.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    pi : ArrayLike
+        (S, A), the policy; rows sum to 1.
+    gamma : float
+        Discount, in [0, 1].
+    tol : float
+        Stops when no value changes by it or more, above 0.
+    V0 : ArrayLike
+        First estimate, a number or (S,).
+    in_place : bool
+        A sweep uses the values that it has just computed (one array, states in order) instead of those of the sweep
+        before (two arrays).
+    max_iter : int
+        Most sweeps or iterations.
+    record : int
+        history keeps V before the first and after each record-th sweep; 0 keeps none.
+
+    Returns
+    -------
+    Solution
+        V is v_pi up to `bound`; pi is the policy that came.
+
+    Raises
+    ------
+    ValueError
+        At gamma = 1 where pi is improper.
+
+    Notes
+    -----
+    Ledger: om-policy-evaluation, alg-policy-evaluation.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 4.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import policy_evaluation
+    >>> from rlcore.envs.small import random_walk
+    >>> policy_evaluation(random_walk(3), np.ones((5, 1)), 1.0).V.round(6)
+    array([0.  , 0.25, 0.5 , 0.75, 0.  ])
     """
     _require_end(mdp, pi, gamma, "pi: never terminates")
     V, n, delta, history = V0, 0, np.inf, [V0]
@@ -68,10 +110,42 @@ def evaluation_sweep(
 
 @checked
 def policy_improvement(mdp: FiniteMDP, V: ArrayLike, gamma: float, *, pi: ArrayLike | None = None) -> Floats:
-    """The policy (S, A) that is greedy for V; a row of pi that is greedy already is kept. om-policy-improvement
+    """The policy that is greedy for V; a row of pi that is greedy already is kept.
 
     Keeping it is what lets policy iteration stop: where two actions are equally good, rounding would otherwise swap
-    them for ever. alg-policy-improvement. Source: Sutton and Barto (2018), section 4.2 and exercise 4.4.
+    them for ever.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    V : ArrayLike
+        (S,) or a number; terminal states count as 0 whatever it says.
+    gamma : float
+        Discount, in [0, 1].
+    pi : ArrayLike | None
+        (S, A), the policy so far, or None.
+
+    Returns
+    -------
+    Floats
+        (S, A).
+
+    Notes
+    -----
+    Ledger: om-policy-improvement, alg-policy-improvement.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 4.2 and exercise 4.4.
+
+    Examples
+    --------
+    >>> from rlcore import policy_improvement
+    >>> from rlcore.envs.small import zero_loop
+    >>> policy_improvement(zero_loop(), [0.0, 0.0], 0.9)
+    array([[0., 1.],
+           [1., 0.]])
     """
     Q = q_from_v(mdp, V, gamma)
     pi_new = greedy(Q)
@@ -86,11 +160,46 @@ def policy_improvement(mdp: FiniteMDP, V: ArrayLike, gamma: float, *, pi: ArrayL
 def policy_iteration(
     mdp: FiniteMDP, gamma: float, *, pi0: ArrayLike | None = None, max_iter: int = 1000, record: int = 0
 ) -> Solution:
-    """Optimal values and policy: evaluate exactly, improve, until the policy stays. alg-policy-iteration, cl-038
+    """Optimal values and policy: evaluate exactly, improve, until the policy stays.
 
-    pi0: the first policy, uniform where None. record: history keeps 0 and the value found in each record-th iteration;
-    0 keeps none. Returns a Solution; n_iter counts evaluations, the one that finds nothing to improve included.
-    Raises ValueError at gamma = 1 where a policy that comes up is improper. Source: Howard (1960).
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    gamma : float
+        Discount, in [0, 1].
+    pi0 : ArrayLike | None
+        The first policy, uniform where None.
+    max_iter : int
+        Most sweeps or iterations.
+    record : int
+        history keeps 0 and the value found in each record-th iteration; 0 keeps none.
+
+    Returns
+    -------
+    Solution
+        n_iter counts evaluations, the one that finds nothing to improve included.
+
+    Raises
+    ------
+    ValueError
+        At gamma = 1 where a policy that comes up is improper.
+
+    Notes
+    -----
+    Ledger: alg-policy-iteration, cl-038.
+
+    References
+    ----------
+    Howard (1960).
+
+    Examples
+    --------
+    >>> from rlcore import policy_iteration
+    >>> from rlcore.envs.small import zero_loop
+    >>> found = policy_iteration(zero_loop(), 0.9)
+    >>> found.V, found.n_iter
+    (array([1., 0.]), 2)
     """
     pi = uniform_policy(mdp) if pi0 is None else pi0
     n, stable, history = 0, False, [np.zeros(mdp.n_states)]
@@ -109,11 +218,53 @@ def value_iteration(
     mdp: FiniteMDP, gamma: float, *, tol: float = 1e-8, V0: ArrayLike = 0.0, in_place: bool = False,
     max_iter: int = 100_000, record: int = 0,
 ) -> Solution:  # fmt: skip
-    """v_* by sweeps of the Bellman optimality equation (16). eq-u-value-iteration, fig-13, alg-value-iteration
+    """The optimal values v_* by sweeps of the Bellman optimality equation (16).
 
-    Stops when no value changes by tol or more in a sweep; in_place and record as in policy_evaluation. Returns a
-    Solution whose policy is greedy for V. Raises ValueError at gamma = 1 where no policy can end from some state.
-    Source: Bellman (1957); Puterman (1994), section 6.3.
+    Stops when no value changes by tol or more in a sweep.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    gamma : float
+        Discount, in [0, 1].
+    tol : float
+        Stops when no value changes by it or more, above 0.
+    V0 : ArrayLike
+        First estimate, a number or (S,).
+    in_place : bool
+        A sweep uses the values that it has just computed instead of those of the sweep before.
+    max_iter : int
+        Most sweeps or iterations.
+    record : int
+        history keeps V before the first and after each record-th sweep; 0 keeps none.
+
+    Returns
+    -------
+    Solution
+        The policy is greedy for V.
+
+    Raises
+    ------
+    ValueError
+        At gamma = 1 where no policy can end from some state.
+
+    Notes
+    -----
+    Ledger: eq-u-value-iteration, fig-13, alg-value-iteration.
+
+    References
+    ----------
+    Bellman (1957); Puterman (1994), section 6.3.
+
+    Examples
+    --------
+    >>> from rlcore import value_iteration
+    >>> from rlcore.envs.grids import gridworld
+    >>> value_iteration(gridworld(3, 3, terminals=[0]), 1.0).V.reshape(3, 3)
+    array([[ 0., -1., -2.],
+           [-1., -2., -3.],
+           [-2., -3., -4.]])
     """
     _require_end(mdp, uniform_policy(mdp), gamma, "gamma: got 1, but no policy terminates")
     V, n, delta, history = V0, 0, np.inf, [V0]

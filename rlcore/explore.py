@@ -4,6 +4,8 @@ In Jupyter an ipywidgets panel switches the pictures. On the page the same pictu
 by radio buttons and CSS alone: no script, no server. In print and in a PDF there is one picture.
 """
 
+from __future__ import annotations
+
 import base64
 import hashlib
 import html
@@ -13,6 +15,7 @@ import numbers
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 from urllib.parse import quote
 
 from rlcore.core.checks import show
@@ -93,7 +96,7 @@ class Explorer:
             )
         return f"<fieldset><legend>{html.escape(self.labels[name])}</legend>{''.join(knobs)}</fieldset>"
 
-    def widget(self):
+    def widget(self) -> Any:
         """The live panel (ipywidgets): a slider for numbers, buttons for words, and the picture they choose."""
         with extra("notebook"):
             import ipywidgets as w
@@ -162,22 +165,35 @@ def _choices(name, choices, given):
     alt=function_of("the choices that returns a text"), fmt=choice("svg", "png"),
 )  # fmt: skip
 def explore(
-    draw: Callable,
-    *,
-    title: str,
-    alt: Callable | None = None,
-    fmt: str = "svg",
-    labels: dict[str, str] | None = None,
-    **choices,
-) -> Explorer:
-    """Show ``draw(**values)`` for every combination of the choices, with a control for each choice.
+    draw: Callable[..., Any], *, title: str, alt: Callable[..., str] | None = None, fmt: str = "svg",
+    labels: dict[str, str] | None = None, **choices: Any,
+) -> Explorer:  # fmt: skip
+    """Show a figure for every combination of the choices, with a control for each choice.
 
-    draw: called with one value per choice; returns a matplotlib Figure. title: shown above the controls.
-    alt: called like draw; returns the text that says what the picture shows. fmt: "svg", or "png" for pictures with
-    very many points. labels: name -> legend, where the name itself (gamma is written γ) does not do.
-    choices: name=[value, ...], numbers or words, the first value of each shown first; at most 40 combinations.
+    Parameters
+    ----------
+    draw : Callable[..., Any]
+        Called with one value for each choice; returns a matplotlib Figure.
+    title : str
+        Shown above the controls.
+    alt : Callable[..., str] | None
+        Called like draw; returns the text that says what the picture shows.
+    fmt : str
+        "svg", or "png" for pictures with very many points.
+    labels : dict[str, str] | None
+        Maps a name to its legend, where the name itself (gamma is written γ) does not do.
+    **choices : Any
+        name=[value, ...], numbers or words, the first value of each shown first; at most 40 combinations.
 
-    Raises: ValueError on an unusable argument, and where draw does not return a Figure.
+    Returns
+    -------
+    Explorer
+        It shows itself in a notebook.
+
+    Raises
+    ------
+    ValueError
+        Where an argument cannot be used, and where draw does not return a Figure.
     """
     from rlcore.plots.style import encode
 

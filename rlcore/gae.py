@@ -1,9 +1,14 @@
 """Generalised advantage estimates, and what PPO and TRPO learn from a rollout (chapter 8)."""
 
+from __future__ import annotations
+
 import numpy as np
 
+from rlcore.core.agents import ActorCritic
 from rlcore.core.checks import as_flags, finite
+from rlcore.core.rollouts import Rollout, Settings
 from rlcore.core.rules import checked
+from rlcore.core.types import Array, ArrayLike, Floats
 
 
 def _like_rewards(kind):
@@ -22,13 +27,49 @@ _numbers, _flags = _like_rewards(finite), _like_rewards(as_flags)
 
 
 @checked(rewards=_numbers, values=_numbers, next_values=_numbers, terminated=_flags, truncated=_flags)
-def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
-    """Generalised advantage estimates: sums of (gamma lam)^l delta_{t+l} within the episode. om-gae, alg-gae
+def gae(
+    rewards: ArrayLike, values: ArrayLike, next_values: ArrayLike, terminated: ArrayLike, truncated: ArrayLike,
+    gamma: float, lam: float,
+) -> Floats:  # fmt: skip
+    """Generalised advantage estimates: sums of (gamma lam)^l delta_{t+l} within the episode.
 
-    All arrays: (T,), or (T, N) for N environments side by side. values: v_hat(s_t). next_values: v_hat of the state
-    that step t led to, also where the episode was cut there. A terminal state is worth 0 whatever next_values says; a
-    truncated one keeps its value. Both end the sum. Returns the shape of rewards.
-    Source: Schulman et al. (2016), (16).
+    A terminal state is worth 0 whatever next_values says; a truncated one keeps its value. Both end the sum.
+
+    Parameters
+    ----------
+    rewards : ArrayLike
+        (T,), or (T, N) for N environments side by side.
+    values : ArrayLike
+        v_hat(s_t), like rewards.
+    next_values : ArrayLike
+        v_hat of the state that step t led to, also where the episode was cut there; like rewards.
+    terminated : ArrayLike
+        Whether that state is terminal, like rewards.
+    truncated : ArrayLike
+        Whether the episode was cut there, like rewards.
+    gamma : float
+        Discount, in [0, 1].
+    lam : float
+        In [0, 1].
+
+    Returns
+    -------
+    Floats
+        Of the shape of rewards.
+
+    Notes
+    -----
+    Ledger: om-gae, alg-gae.
+
+    References
+    ----------
+    Schulman et al. (2016), (16).
+
+    Examples
+    --------
+    >>> from rlcore.gae import gae
+    >>> gae([1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [False, True], [False, False], 1.0, 0.5)
+    array([1.5, 1. ])
     """
     delta = rewards + gamma * next_values * ~terminated - values  # om-gae
     decay = gamma * lam * ~(terminated | truncated)
@@ -40,7 +81,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     return advantages
 
 
-def learning_data(agent, rollout, config):
+def learning_data(agent: ActorCritic, rollout: Rollout, config: Settings) -> tuple[Floats, Array, Floats, Floats]:
     """(x, actions, advantages, targets of v_hat) of the steps that are transitions. om-gae, om-value-loss
 
     x: (B, d), normalised observations. The target A_hat + v_hat(s) is the lambda-return.

@@ -6,13 +6,20 @@ actions: (B,) integers, or (B, A). advantage: (B,). `old` stands for outputs of 
 Source: Schulman et al. (2015, 2017).
 """
 
+from __future__ import annotations
+
+from typing import TypeAlias
+
 from rlcore.core.checks import check_finite, check_positive, show
 from rlcore.core.extras import extra
 from rlcore.core.rules import checked
 
 with extra("deep"):
     import torch
+    from torch import Tensor
     from torch.distributions import Categorical, Independent, Normal, kl_divergence
+
+Outputs: TypeAlias = Tensor | tuple[Tensor, Tensor]  # logits, or mean and log_std
 
 
 def _floats(name, x):
@@ -87,8 +94,23 @@ NEW = TENSORS | dict(old=_of("outputs"))
 
 
 @checked(**TENSORS)
-def distribution(outputs):
-    """The policy that outputs stand for, one for each row: softmax of logits, or independent normals. om-softmax"""
+def distribution(outputs: Outputs) -> torch.distributions.Distribution:
+    """The policy that outputs stand for, one for each row: softmax of logits, or independent normals.
+
+    Parameters
+    ----------
+    outputs : Outputs
+        Logits (B, A), or a pair of mean (B, A) and log_std (A,) or (B, A).
+
+    Returns
+    -------
+    torch.distributions.Distribution
+        One distribution for each row.
+
+    Notes
+    -----
+    Ledger: om-softmax.
+    """
     if isinstance(outputs, torch.Tensor):
         return Categorical(logits=outputs)
     mean, log_std = outputs
@@ -96,63 +118,262 @@ def distribution(outputs):
 
 
 @checked(**TENSORS)
-def label_objective(logits, labels):
-    """Mean of log p(y|x) over samples with their right labels; its gradient for one sample is (40). eq-ppo-40"""
+def label_objective(logits: Tensor, labels: Tensor) -> Tensor:
+    """Mean of log p(y|x) over samples with their right labels; its gradient for one sample is (40).
+
+    Parameters
+    ----------
+    logits : Tensor
+        (B, K).
+    labels : Tensor
+        (B,), integers.
+
+    Returns
+    -------
+    Tensor
+        A number.
+
+    Notes
+    -----
+    Ledger: eq-ppo-40.
+    """
     return _log_prob(logits, labels).mean()  # eq-ppo-40
 
 
 @checked(**TENSORS)
-def pg_objective(outputs, actions, advantage):
-    """L^PG, whose gradient is the estimator of (41). eq-ppo-43, eq-ppo-41"""
+def pg_objective(outputs: Outputs, actions: Tensor, advantage: Tensor) -> Tensor:
+    """The objective L^PG, whose gradient is the estimator of (41).
+
+    Parameters
+    ----------
+    outputs : Outputs
+        Logits (B, A), or a pair of mean (B, A) and log_std (A,) or (B, A).
+    actions : Tensor
+        (B,) integers, or (B, A).
+    advantage : Tensor
+        (B,).
+
+    Returns
+    -------
+    Tensor
+        A number.
+
+    Notes
+    -----
+    Ledger: eq-ppo-43, eq-ppo-41.
+    """
     return (_log_prob(outputs, actions) * advantage).mean()  # eq-ppo-43
 
 
 @checked(**NEW)
-def ratio(outputs, old, actions):
-    """r_t = pi(a|s) / pi_old(a|s), (B,). eq-ppo-47"""
+def ratio(outputs: Outputs, old: Outputs, actions: Tensor) -> Tensor:
+    """The ratio r_t = pi(a|s) / pi_old(a|s).
+
+    Parameters
+    ----------
+    outputs : Outputs
+        Logits (B, A), or a pair of mean (B, A) and log_std (A,) or (B, A).
+    old : Outputs
+        Outputs of the policy that acted, held constant.
+    actions : Tensor
+        (B,) integers, or (B, A).
+
+    Returns
+    -------
+    Tensor
+        (B,).
+
+    Notes
+    -----
+    Ledger: eq-ppo-47.
+    """
     return (_log_prob(outputs, actions) - _log_prob(_constant(old), actions)).exp()  # eq-ppo-47
 
 
 @checked(**NEW)
-def surrogate(outputs, old, actions, advantage):
-    """L^CPI, which TRPO maximises: the mean of r_t A_t. eq-ppo-44, eq-ppo-48"""
+def surrogate(outputs: Outputs, old: Outputs, actions: Tensor, advantage: Tensor) -> Tensor:
+    """The surrogate L^CPI, which TRPO maximises: the mean of r_t A_t.
+
+    Parameters
+    ----------
+    outputs : Outputs
+        Logits (B, A), or a pair of mean (B, A) and log_std (A,) or (B, A).
+    old : Outputs
+        Outputs of the policy that acted, held constant.
+    actions : Tensor
+        (B,) integers, or (B, A).
+    advantage : Tensor
+        (B,).
+
+    Returns
+    -------
+    Tensor
+        A number.
+
+    Notes
+    -----
+    Ledger: eq-ppo-44, eq-ppo-48.
+    """
     return (ratio(outputs, old, actions) * advantage).mean()  # eq-ppo-48
 
 
 @checked(old=_outputs, outputs=_of("old"))
-def mean_kl(old, outputs):
-    """Mean of KL(pi_old, pi) over the states: the left side of the constraint. eq-ppo-45"""
+def mean_kl(old: Outputs, outputs: Outputs) -> Tensor:
+    """The mean of KL(pi_old, pi) over the states: the left side of the constraint.
+
+    Parameters
+    ----------
+    old : Outputs
+        Outputs of the policy that acted, held constant.
+    outputs : Outputs
+        Logits (B, A), or a pair of mean (B, A) and log_std (A,) or (B, A).
+
+    Returns
+    -------
+    Tensor
+        A number.
+
+    Notes
+    -----
+    Ledger: eq-ppo-45.
+    """
     return kl_divergence(distribution.unchecked(_constant(old)), distribution.unchecked(outputs)).mean()  # eq-ppo-45
 
 
 @checked(**NEW)
-def kl_penalised(outputs, old, actions, advantage, beta):
-    """The surrogate less beta times the mean KL. eq-ppo-46"""
+def kl_penalised(outputs: Outputs, old: Outputs, actions: Tensor, advantage: Tensor, beta: float) -> Tensor:
+    """The surrogate less beta times the mean KL.
+
+    Parameters
+    ----------
+    outputs : Outputs
+        Logits (B, A), or a pair of mean (B, A) and log_std (A,) or (B, A).
+    old : Outputs
+        Outputs of the policy that acted, held constant.
+    actions : Tensor
+        (B,) integers, or (B, A).
+    advantage : Tensor
+        (B,).
+    beta : float
+        The coefficient.
+
+    Returns
+    -------
+    Tensor
+        A number.
+
+    Notes
+    -----
+    Ledger: eq-ppo-46.
+    """
     return surrogate(outputs, old, actions, advantage) - beta * mean_kl(old, outputs)  # eq-ppo-46
 
 
 @checked(**NEW)
-def clip_objective(outputs, old, actions, advantage, clip):
-    """L^CLIP. clip: epsilon > 0. eq-ppo-49, fig-59, fig-60"""
+def clip_objective(outputs: Outputs, old: Outputs, actions: Tensor, advantage: Tensor, clip: float) -> Tensor:
+    """The clipped surrogate L^CLIP.
+
+    Parameters
+    ----------
+    outputs : Outputs
+        Logits (B, A), or a pair of mean (B, A) and log_std (A,) or (B, A).
+    old : Outputs
+        Outputs of the policy that acted, held constant.
+    actions : Tensor
+        (B,) integers, or (B, A).
+    advantage : Tensor
+        (B,).
+    clip : float
+        The epsilon of the clipped ratio, above 0.
+
+    Returns
+    -------
+    Tensor
+        A number.
+
+    Notes
+    -----
+    Ledger: eq-ppo-49, fig-59, fig-60.
+    """
     r, A = ratio(outputs, old, actions), advantage
     return torch.minimum(r * A, r.clamp(1 - clip, 1 + clip) * A).mean()  # eq-ppo-49
 
 
 @checked(**TENSORS)
-def value_loss(values, target):
-    """L^VF, the mean squared error of the values (B,). om-value-loss"""
+def value_loss(values: Tensor, target: Tensor) -> Tensor:
+    """The mean squared error of the values, L^VF.
+
+    Parameters
+    ----------
+    values, target : Tensor
+        (B,).
+
+    Returns
+    -------
+    Tensor
+        A number.
+
+    Notes
+    -----
+    Ledger: om-value-loss.
+    """
     return (values - target).square().mean()  # om-value-loss
 
 
 @checked(**TENSORS)
-def entropy(outputs):
-    """S[pi](s), (B,). om-value-loss"""
+def entropy(outputs: Outputs) -> Tensor:
+    """The entropy S[pi](s) in each state.
+
+    Parameters
+    ----------
+    outputs : Outputs
+        Logits (B, A), or a pair of mean (B, A) and log_std (A,) or (B, A).
+
+    Returns
+    -------
+    Tensor
+        (B,).
+
+    Notes
+    -----
+    Ledger: om-value-loss.
+    """
     return distribution.unchecked(outputs).entropy()  # om-value-loss
 
 
 @checked(**NEW)
-def ppo_objective(outputs, old, actions, advantage, values, target, clip=0.2, c1=0.5, c2=0.0):
-    """L^(CLIP+VF+S): clipped surrogate, less c1 times the value loss, plus c2 times the mean entropy. eq-ppo-50"""
+def ppo_objective(
+    outputs: Outputs, old: Outputs, actions: Tensor, advantage: Tensor, values: Tensor, target: Tensor,
+    clip: float = 0.2, c1: float = 0.5, c2: float = 0.0,
+) -> Tensor:  # fmt: skip
+    """The objective L^(CLIP+VF+S): clipped surrogate, less c1 times the value loss, plus c2 times the mean entropy.
+
+    Parameters
+    ----------
+    outputs : Outputs
+        Logits (B, A), or a pair of mean (B, A) and log_std (A,) or (B, A).
+    old : Outputs
+        Outputs of the policy that acted, held constant.
+    actions : Tensor
+        (B,) integers, or (B, A).
+    advantage, values, target : Tensor
+        (B,).
+    clip : float
+        The epsilon of the clipped ratio, above 0.
+    c1 : float
+        Weight of the value loss.
+    c2 : float
+        Weight of the entropy.
+
+    Returns
+    -------
+    Tensor
+        A number.
+
+    Notes
+    -----
+    Ledger: eq-ppo-50.
+    """
     L_clip = clip_objective(outputs, old, actions, advantage, clip)
     return L_clip - c1 * value_loss(values, target) + c2 * entropy(outputs).mean()  # eq-ppo-50
 

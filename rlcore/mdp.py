@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.core.checks import Model, as_flags, as_floats, as_integers, check_finite, check_index, check_world, where
 from rlcore.core.learner import learner
@@ -24,7 +23,7 @@ from rlcore.core.outcomes import (
 )
 from rlcore.core.rules import checked, count, index, takes_none
 from rlcore.core.sampling import Sampler, cumulative, draw, step
-from rlcore.core.types import Floats, Ints, Rng, World
+from rlcore.core.types import ArrayLike, Floats, Ints, Rng, World
 from rlcore.core.worlds import act, reset
 
 _state_of_self = index(lambda given: given["self"].n_states)
@@ -32,14 +31,48 @@ _state_of_self = index(lambda given: given["self"].n_states)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FiniteMDP(Model):
-    """The four-argument dynamics p(s', r | s, a), one padded row of outcomes for each pair. eq-1, alg-model-marginals.
+    """A finite Markov decision process: the dynamics p(s', r | s, a), one padded row of outcomes for each pair.
 
-    next_state: (S, A, K) int32, prob: (S, A, K), reward: (S, A, K); outcome k of (s, a) is (s', r) with its
-    probability; outcomes of probability 0 are padding. legal: (S, A), whether a is in A(s). terminal: (S,); a terminal
-    state returns to itself with reward 0 under every action. start: (S,), distribution of S_0. Arrays are read-only
-    after construction, and copies of those that could still be written to. Raises ValueError naming the array, state
-    and action at fault.
-    Source: Sutton and Barto (2018), section 3.1.
+    Outcome k of (s, a) is (s', r) with its probability. Arrays are read-only after construction, and copies of those
+    that could still be written to. The usual ways to make one are `from_outcomes`, `from_arrays` and `from_env`.
+
+    Parameters
+    ----------
+    next_state : np.ndarray
+        (S, A, K), the states s' of the outcomes.
+    prob : np.ndarray
+        (S, A, K), their probabilities, which sum to 1 for each legal pair; outcomes of probability 0 are padding.
+    reward : np.ndarray
+        (S, A, K), their rewards.
+    legal : np.ndarray
+        (S, A), whether a is in A(s).
+    terminal : np.ndarray
+        (S,); a terminal state returns to itself with reward 0 under every action.
+    start : np.ndarray
+        (S,), distribution of S_0.
+    state_names : Sequence[Any] | None
+        What the states are called, for pictures.
+    action_names : Sequence[Any] | None
+        What the actions are called.
+
+    Raises
+    ------
+    ValueError
+        Where an array does not fit; the message names it, the state and the action.
+
+    Notes
+    -----
+    Ledger: eq-1, alg-model-marginals.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 3.1.
+
+    Examples
+    --------
+    >>> from rlcore import FiniteMDP
+    >>> FiniteMDP.from_outcomes({(0, 0): [(0.5, 0, 1.0), (0.5, 1, 0.0)]})
+    FiniteMDP(2 states, 1 actions, 2 outcomes, 1 terminal)
     """
 
     next_state: np.ndarray
@@ -48,8 +81,8 @@ class FiniteMDP(Model):
     legal: np.ndarray
     terminal: np.ndarray
     start: np.ndarray
-    state_names: tuple | None = None
-    action_names: tuple | None = None
+    state_names: Sequence[Any] | None = None
+    action_names: Sequence[Any] | None = None
 
     def __post_init__(self) -> None:
         kinds = dict(next_state=as_integers, prob=as_floats, reward=as_floats, legal=as_flags, terminal=as_flags)
@@ -188,7 +221,9 @@ class FiniteMDP(Model):
     def sampler(self) -> Sampler:
         """Arrays from which compiled loops draw: next_state, reward, cumulative probabilities, terminal, start."""
         terminal = self.terminal.astype(np.uint8)
-        return Sampler(self.next_state, self.reward, cumulative(self.prob), terminal, cumulative(self.start), np.zeros(2, np.int64))
+        return Sampler(
+            self.next_state, self.reward, cumulative(self.prob), terminal, cumulative(self.start), np.zeros(2, np.int64)
+        )
 
     def predecessors(self) -> tuple[Ints, Ints]:
         """States from which each state can be reached in one step, as (indptr (S + 1,), indices): those of s are
@@ -205,7 +240,26 @@ class FiniteMDP(Model):
 
 @checked
 def uniform_policy(mdp: FiniteMDP) -> Floats:
-    """The equiprobable policy over A(s), (S, A)."""
+    """The policy that takes all legal actions with the same probability.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+
+    Returns
+    -------
+    Floats
+        (S, A).
+
+    Examples
+    --------
+    >>> from rlcore import uniform_policy
+    >>> from rlcore.envs.small import zero_loop
+    >>> uniform_policy(zero_loop())
+    array([[0.5, 0.5],
+           [0.5, 0.5]])
+    """
     return mdp.legal / mdp.legal.sum(axis=1, keepdims=True)
 
 
@@ -223,7 +277,28 @@ def _legal_actions(name, actions, given):
 
 @checked(actions=_legal_actions)
 def deterministic_policy(mdp: FiniteMDP, actions: ArrayLike) -> Floats:
-    """pi (S, A) that takes actions[s] in state s; actions: (S,) integers, each in A(s)."""
+    """The policy that takes actions[s] in state s.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    actions : ArrayLike
+        (S,), each in A(s).
+
+    Returns
+    -------
+    Floats
+        (S, A).
+
+    Examples
+    --------
+    >>> from rlcore import deterministic_policy
+    >>> from rlcore.envs.small import zero_loop
+    >>> deterministic_policy(zero_loop(), [1, 0])
+    array([[0., 1.],
+           [1., 0.]])
+    """
     return np.eye(mdp.n_actions)[actions]
 
 
@@ -232,10 +307,38 @@ def deterministic_policy(mdp: FiniteMDP, actions: ArrayLike) -> Floats:
 
 @checked(t=index(lambda given: given["rewards"].size + 1))
 def discounted_return(rewards: ArrayLike, gamma: float, t: int = 0) -> float:
-    """G_t as the direct sum over rewards R_{t+1} ... R_T; rewards[k] is R_{k+1}. eq-6, eq-7, eq-9
+    """The return G_t as the direct sum over the rewards R_{t+1} ... R_T.
 
     gamma = 1 gives the undiscounted return (6); an episode padded with the zero rewards of an absorbing state has the
-    same return, which is why (9) serves both kinds of task. Source: Sutton and Barto (2018), (3.11).
+    same return, which is why (9) serves both kinds of task.
+
+    Parameters
+    ----------
+    rewards : ArrayLike
+        (T,); rewards[k] is R_{k+1}.
+    gamma : float
+        Discount, in [0, 1].
+    t : int
+        The time, in 0..T.
+
+    Returns
+    -------
+    float
+        G_t.
+
+    Notes
+    -----
+    Ledger: eq-6, eq-7, eq-9.
+
+    References
+    ----------
+    Sutton and Barto (2018), (3.11).
+
+    Examples
+    --------
+    >>> from rlcore import discounted_return
+    >>> discounted_return([1.0, 0.0, 2.0], 0.5)
+    1.5
     """
     k = np.arange(t + 1, rewards.size + 1)
     return float(np.sum(gamma ** (k - t - 1) * rewards[t:]))  # eq-9
@@ -243,9 +346,29 @@ def discounted_return(rewards: ArrayLike, gamma: float, t: int = 0) -> float:
 
 @checked
 def discounted_returns(rewards: ArrayLike, gamma: float) -> Floats:
-    """G_0 ... G_{T-1}, shape (T,), by one backward pass from G_T = 0. eq-8 corrected, alg-returns
+    """The returns G_0 ... G_{T-1} by one backward pass from G_T = 0.
 
-    rewards: (T,), rewards[t] is R_{t+1}.
+    Parameters
+    ----------
+    rewards : ArrayLike
+        (T,); rewards[t] is R_{t+1}.
+    gamma : float
+        Discount, in [0, 1].
+
+    Returns
+    -------
+    Floats
+        (T,).
+
+    Notes
+    -----
+    Ledger: eq-8 corrected, alg-returns.
+
+    Examples
+    --------
+    >>> from rlcore import discounted_returns
+    >>> discounted_returns([1.0, 0.0, 2.0], 0.5)
+    array([1.5, 1. , 2. ])
     """
     G = np.zeros(rewards.size + 1)
     for t in reversed(range(rewards.size)):
@@ -258,10 +381,24 @@ def discounted_returns(rewards: ArrayLike, gamma: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """S_0, A_0, R_1, S_1, ... : states (T + 1,), actions (T,), rewards (T,). eq-u-trajectory
+    """What was met on the way: S_0, A_0, R_1, S_1, ....
 
-    rewards[t] is R_{t+1}, which actions[t] earned in states[t]. terminated: whether states[-1] is terminal; a
-    trajectory that only ran out of steps is not.
+    rewards[t] is R_{t+1}, which actions[t] earned in states[t].
+
+    Parameters
+    ----------
+    states : np.ndarray
+        (T + 1,).
+    actions : np.ndarray
+        (T,); actions[t] was taken in states[t].
+    rewards : np.ndarray
+        (T,); rewards[t] is R_{t+1}, which actions[t] earned.
+    terminated : bool
+        Whether states[-1] is terminal; a trajectory that only ran out of steps is not.
+
+    Notes
+    -----
+    Ledger: eq-u-trajectory.
     """
 
     states: np.ndarray
@@ -280,10 +417,37 @@ def _first_state(name, s, given):
 
 @learner(lambda given, s, a, r, terminated: Trajectory(s, a, r, bool(terminated)), s=_first_state)
 def rollout(world: World, pi: ArrayLike, n_steps: int, *, s: int | None = None, rng: Rng) -> Trajectory:
-    """Follow pi for n_steps or to a terminal state. eq-u-trajectory, fig-1, alg-rollout
+    """Follow pi for n_steps, or to a terminal state.
 
-    world: FiniteMDP, gymnasium.Env or its id. s: first state of a FiniteMDP; drawn from the start distribution where it
-    is None. Returns a Trajectory; an environment that truncates the episode ends it, too.
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium.Env or its id.
+    pi : ArrayLike
+        (S, A), the policy; rows sum to 1.
+    n_steps : int
+        Most steps.
+    s : int | None
+        First state of a FiniteMDP; drawn from the start distribution where None.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Trajectory
+        The states, actions and rewards; an environment that truncates the episode ends it, too.
+
+    Notes
+    -----
+    Ledger: eq-u-trajectory, fig-1, alg-rollout.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import rollout
+    >>> from rlcore.envs.small import random_walk
+    >>> rollout(random_walk(3), np.ones((5, 1)), 20, rng=np.random.default_rng(0)).states
+    array([2, 1, 2, 3, 4])
     """
     states, actions, rewards = np.zeros(n_steps + 1, np.int64), np.zeros(n_steps, np.int64), np.zeros(n_steps)
     if s < 0:
@@ -316,10 +480,46 @@ def sample_returns(
     world: FiniteMDP, pi: ArrayLike, gamma: float, n_episodes: int, *, s: int, a: int | None = None, max_steps: int,
     rng: Rng,
 ) -> Floats:  # fmt: skip
-    """Returns G_0 of n_episodes trajectories from state s (and first action a), (n_episodes,). eq-10, eq-11
+    """Returns G_0 of trajectories that start in state s, with action a where it is given.
 
-    Their mean estimates v_pi(s), or q_pi(s, a) where a is given. world: FiniteMDP. Each trajectory is cut after
-    max_steps steps, which leaves out at most gamma^max_steps of the value to come.
+    Their mean estimates v_pi(s), or q_pi(s, a).
+
+    Parameters
+    ----------
+    world : FiniteMDP
+        The process.
+    pi : ArrayLike
+        (S, A), the policy; rows sum to 1.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    s : int
+        First state.
+    a : int | None
+        First action; None where the policy chooses it, too.
+    max_steps : int
+        Each trajectory is cut there, which leaves out at most gamma^max_steps of the value to come.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Floats
+        (n_episodes,).
+
+    Notes
+    -----
+    Ledger: eq-10, eq-11.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import sample_returns
+    >>> from rlcore.envs.small import random_walk
+    >>> rng = np.random.default_rng(0)
+    >>> sample_returns(random_walk(3), np.ones((5, 1)), 1.0, 8, s=2, max_steps=100, rng=rng)
+    array([0., 1., 0., 0., 1., 0., 1., 1.])
     """
     G, s_first, a_first = np.zeros(n_episodes), s, a
     for i in range(n_episodes):

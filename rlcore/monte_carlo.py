@@ -1,5 +1,7 @@
 """Monte Carlo: values from the returns of whole episodes (chapters 1 and 4)."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.core.checks import spaces
@@ -7,6 +9,7 @@ from rlcore.core.learner import learner, log, note, prediction
 from rlcore.core.results import Run
 from rlcore.core.rules import choice
 from rlcore.core.schedules import at
+from rlcore.core.types import ArrayLike, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import episode, total
 
 
@@ -28,14 +31,57 @@ def _of_averages(given, average, returns, lengths, history, visits):
 
 
 @learner(_of_averages, target=_averages)
-def mc_prediction(world, pi, gamma, n_episodes, *, first_visit=True, target="v", max_steps=None, record=0, rng):
-    """v_pi or q_pi as the average of the returns that followed each visit. alg-mc-prediction, eq-10, eq-11, cl-011
+def mc_prediction(
+    world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, first_visit: bool = True, target: str = "v",
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """v_pi or q_pi as the average of the returns that followed each visit.
 
-    world: FiniteMDP, gymnasium.Env or its id. first_visit: average over the first visit in each episode only, else over
-    every visit. target: "v" for states (Run.V), "q" for pairs (Run.Q, -inf where a is not in A(s)). What is never
-    visited keeps 0. max_steps: an episode that long is cut (its length is max_steps); it still counts, its returns
-    summed up to the cut, so that each lacks what would have come after. record: history keeps the averages before the
-    first and after each record-th episode; 0 keeps none. Returns a Run. Source: Sutton and Barto (2018), section 5.1.
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium.Env or its id.
+    pi : ArrayLike
+        (S, A), the policy; rows sum to 1.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    first_visit : bool
+        Average over the first visit in each episode only, else over every visit.
+    target : str
+        "v" for states (Run.V), "q" for pairs (Run.Q, -inf where a is not in A(s)). What is never visited keeps 0.
+    max_steps : int | None
+        An episode that long is cut, a million steps where None; it still counts, its returns summed up to the cut, so
+        that each lacks what would have come after.
+    record : int
+        history keeps the averages before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        V or Q holds the estimate.
+
+    Notes
+    -----
+    Ledger: alg-mc-prediction, eq-10, eq-11, cl-011.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 5.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import mc_prediction
+    >>> from rlcore.envs.small import random_walk
+    >>> run = mc_prediction(random_walk(3), np.ones((5, 1)), 1.0, 500, rng=np.random.default_rng(0))
+    >>> run.V.round(2)
+    array([0.  , 0.23, 0.48, 0.7 , 0.  ])
     """
     average, width = target.reshape(-1), target.size // len(target)  # of pair (s, a) at s width + a, of state s at s
     N, first = np.zeros(average.size, np.int64), np.zeros(average.size, np.int64)
@@ -61,15 +107,61 @@ def mc_prediction(world, pi, gamma, n_episodes, *, first_visit=True, target="v",
 
 
 @learner(prediction)
-def constant_alpha_mc(world, pi, gamma, n_episodes, *, alpha, V0=0.0, first_visit=False, max_steps=None, record=0, rng):
-    """v_pi by moving V(s) a step towards each return that followed s. alg-constant-alpha-mc, eq-18
+def constant_alpha_mc(
+    world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, alpha: Rate, V0: ArrayLike = 0.0,
+    first_visit: bool = False, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """v_pi by moving V(s) a step towards each return that followed s.
 
-    world: FiniteMDP, gymnasium.Env or its id. The updates come after the episode, from its last state back to its
-    first, each at once. alpha: step size in (0, 1], or decaying(...); decaying(1.0) is the average of the returns.
-    V0: a number or (S,). first_visit: only the first visit of a state in each episode counts. max_steps: an episode
-    that long is cut; its returns, like those of a truncated one, go on with the V of the state that it was left in.
-    record: history keeps V before the first and after each record-th episode; 0 keeps none. Returns a Run.
-    Source: Sutton and Barto (2018), equation 6.1.
+    The updates come after the episode, from its last state back to its first, each at once.
+
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium environment with numbered states and actions, or its id.
+    pi : ArrayLike
+        (S, A), the policy; rows sum to 1.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : Rate
+        Step size in (0, 1], or decaying(...); decaying(1.0) is the average of the returns.
+    V0 : ArrayLike
+        A number or (S,).
+    first_visit : bool
+        Only the first visit of a state in each episode counts.
+    max_steps : int | None
+        An episode that long is cut, a million steps where None; its returns, like those of a truncated one, go on with the V of the state that it
+        was left in.
+    record : int
+        history keeps V before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        V holds the estimate.
+
+    Notes
+    -----
+    Ledger: alg-constant-alpha-mc, eq-18.
+
+    References
+    ----------
+    Sutton and Barto (2018), equation 6.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import constant_alpha_mc
+    >>> from rlcore.envs.small import random_walk
+    >>> rng = np.random.default_rng(0)
+    >>> constant_alpha_mc(random_walk(3), np.ones((5, 1)), 1.0, 500, alpha=0.05, rng=rng).V.round(2)
+    array([0.  , 0.24, 0.64, 0.83, 0.  ])
     """
     V, N, first = V0, np.zeros(V0.shape, np.int64), np.zeros(V0.shape, np.int64)
     returns, lengths, history = log(V, n_episodes, record)

@@ -1,9 +1,14 @@
 """A model of continuous states by least squares, and plans by random shooting in it (chapter 3)."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import numpy as np
 
 from rlcore.core.checks import check_count, finite, show
 from rlcore.core.rules import array, checked, count, function_of, like, sized
+from rlcore.core.types import ArrayLike, Floats, Ints, Rng
 
 
 def _actions_below(n_actions):
@@ -25,10 +30,36 @@ MOST_ACTIONS = 10_000  # of a model that sees them as one-hot rows
     x=array("n", "d"), a=_actions_below(lambda given: check_count("n_actions", given["n_actions"], most=MOST_ACTIONS)),
     x_next=like("x"), n_actions=count(most=MOST_ACTIONS),
 )  # fmt: skip
-def fit_linear_dynamics(x, a, x_next, n_actions):
-    """W (d + A, d) with x' = [x, one-hot a] W closest to the data in least squares. alg-model-learning, fig-7
+def fit_linear_dynamics(x: ArrayLike, a: ArrayLike, x_next: ArrayLike, n_actions: int) -> Floats:
+    """The linear model x' = [x, one-hot a] W that is closest to the data in least squares.
 
-    x, x_next: (n, d) states; a: (n,) actions in 0..A-1.
+    Parameters
+    ----------
+    x : ArrayLike
+        (n, d), states.
+    a : ArrayLike
+        (n,), actions in 0..A-1.
+    x_next : ArrayLike
+        (n, d), the states that followed.
+    n_actions : int
+        Number of actions, A.
+
+    Returns
+    -------
+    Floats
+        W, (d + A, d).
+
+    Notes
+    -----
+    Ledger: alg-model-learning, fig-7.
+
+    Examples
+    --------
+    >>> from rlcore import fit_linear_dynamics
+    >>> fit_linear_dynamics([[0.0], [1.0], [1.0]], [0, 0, 1], [[1.0], [2.0], [0.0]], 2).round(6)
+    array([[ 1.],
+           [ 1.],
+           [-1.]])
     """
     return np.linalg.lstsq(_features(x, a, n_actions), x_next, rcond=None)[0]
 
@@ -48,8 +79,27 @@ def _states(name, x, given):
 
 
 @checked(W=_fitted, x=_states, a=_actions_below(lambda given: len(given["W"]) - given["W"].shape[1]))
-def linear_dynamics(W, x, a):
-    """Next states (n, d) that the fitted model W predicts for states x (n, d) and actions a (n,). eq-u-dynamics"""
+def linear_dynamics(W: ArrayLike, x: ArrayLike, a: ArrayLike) -> Floats:
+    """Next states that the fitted model predicts.
+
+    Parameters
+    ----------
+    W : ArrayLike
+        (d + A, d), as `fit_linear_dynamics` gives it.
+    x : ArrayLike
+        (n, d), states.
+    a : ArrayLike
+        (n,), actions.
+
+    Returns
+    -------
+    Floats
+        (n, d).
+
+    Notes
+    -----
+    Ledger: eq-u-dynamics.
+    """
     return _features(x, a, W.shape[0] - W.shape[1]) @ W
 
 
@@ -65,8 +115,27 @@ def _plans(name, actions, given):
 
 
 @checked(model=function_of("(x, a)"), x=array("n", "d"), actions=_plans)
-def simulate(model, x, actions):
-    """States (T + 1, n, d) that n runs of the model visit from x (n, d) under actions (T, n). cl-026, fig-7"""
+def simulate(model: Callable[[Floats, Ints], Floats], x: ArrayLike, actions: ArrayLike) -> Floats:
+    """States that n runs of the model visit.
+
+    Parameters
+    ----------
+    model : Callable[[Floats, Ints], Floats]
+        Gives model(x, a), the next states (n, d) of n states at once.
+    x : ArrayLike
+        (n, d), first states.
+    actions : ArrayLike
+        (T, n).
+
+    Returns
+    -------
+    Floats
+        (T + 1, n, d).
+
+    Notes
+    -----
+    Ledger: cl-026, fig-7.
+    """
     path = [x]
     for a in actions:
         path.append(model(path[-1], a))
@@ -74,11 +143,51 @@ def simulate(model, x, actions):
 
 
 @checked(model=function_of("(x, a)"), cost=function_of("x"), x=array("d"), n_candidates=sized("horizon"))
-def random_shooting(model, cost, x, n_actions, *, horizon, n_candidates, rng):
-    """First action of the cheapest of n_candidates random plans, each simulated `horizon` steps in the model. alg-mpc
+def random_shooting(
+    model: Callable[[Floats, Ints], Floats], cost: Callable[[Floats], Floats], x: ArrayLike, n_actions: int, *,
+    horizon: int, n_candidates: int, rng: Rng,
+) -> int:  # fmt: skip
+    """First action of the cheapest of n_candidates random plans, each simulated `horizon` steps in the model.
 
-    model(x, a) -> (n, d) next states of n states at once; cost(x) -> (n,) is added up over the states met; x: (d,), the
-    state now. Planned anew at each step, this is model-predictive control. Source: Nagabandi et al. (2018).
+    Planned anew at each step, this is model-predictive control.
+
+    Parameters
+    ----------
+    model : Callable[[Floats, Ints], Floats]
+        Gives model(x, a), the next states (n, d) of n states at once.
+    cost : Callable[[Floats], Floats]
+        Gives cost(x), (n,), which is added up over the states met.
+    x : ArrayLike
+        (d,), the state now.
+    n_actions : int
+        Number of actions, A.
+    horizon : int
+        Steps of a plan.
+    n_candidates : int
+        Number of plans.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    int
+        An action.
+
+    Notes
+    -----
+    Ledger: alg-mpc.
+
+    References
+    ----------
+    Nagabandi et al. (2018).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import random_shooting
+    >>> model, cost = lambda x, a: x + np.where(a, 1.0, -1.0)[:, None], lambda x: np.abs(x - 3.0)[:, 0]
+    >>> random_shooting(model, cost, [0.0], 2, horizon=3, n_candidates=50, rng=np.random.default_rng(0))
+    1
     """
     plans = (rng.random((horizon, n_candidates)) * n_actions).astype(int)
     path = simulate(model, np.tile(x, (n_candidates, 1)), plans)

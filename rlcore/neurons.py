@@ -1,39 +1,99 @@
 """One neuron, its activations, steps and bumps; the costs of what a network answers (chapter 6)."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.core.checks import check_count, check_finite, finite
 from rlcore.core.rules import anything, array, checked, choice
 from rlcore.core.samples import check_labels, finite_numbers, numbers, pair
+from rlcore.core.types import ArrayLike, Floats
 
 # ---------------------------------------------------------------------- activations
 
 
 @checked(z=numbers)
-def sigmoid(z):
-    """1 / (1 + e^-z), elementwise. eq-u-sigmoid, fig-33
+def sigmoid(z: ArrayLike) -> Floats:
+    """The sigmoid 1 / (1 + e^-z), elementwise.
 
     Written with e^-|z|, which cannot overflow.
+
+    Parameters
+    ----------
+    z : ArrayLike
+        Numbers, any shape.
+
+    Returns
+    -------
+    Floats
+        Of z's shape, in [0, 1].
+
+    Notes
+    -----
+    Ledger: eq-u-sigmoid, fig-33.
+
+    Examples
+    --------
+    >>> from rlcore import sigmoid
+    >>> sigmoid([0.0, 2.0]).round(3)
+    array([0.5  , 0.881])
     """
     e = np.exp(-np.abs(z))
     return np.where(np.greater_equal(z, 0), 1.0, e) / (1.0 + e)
 
 
 @checked(z=numbers)
-def relu(z):
-    """max(0, z), elementwise. eq-u-relu, fig-34"""
+def relu(z: ArrayLike) -> Floats:
+    """max(0, z), elementwise.
+
+    Parameters
+    ----------
+    z : ArrayLike
+        Numbers, any shape.
+
+    Returns
+    -------
+    Floats
+        Of z's shape.
+
+    Notes
+    -----
+    Ledger: eq-u-relu, fig-34.
+    """
     return np.maximum(z, 0)
 
 
 @checked(z=numbers)
-def tanh(z):
-    """The hyperbolic tangent, elementwise: 2 sigma(2z) - 1."""
+def tanh(z: ArrayLike) -> Floats:
+    """The hyperbolic tangent, elementwise: 2 sigma(2z) - 1.
+
+    Parameters
+    ----------
+    z : ArrayLike
+        Numbers, any shape.
+
+    Returns
+    -------
+    Floats
+        Of z's shape.
+    """
     return np.tanh(z)
 
 
 @checked(z=numbers)
-def linear(z):
-    """z itself: the output of a network that has to reach any number."""
+def linear(z: ArrayLike) -> Floats:
+    """z itself: the output of a network that has to reach any number.
+
+    Parameters
+    ----------
+    z : ArrayLike
+        Numbers, any shape.
+
+    Returns
+    -------
+    Floats
+        Of z's shape.
+    """
     return z
 
 
@@ -53,11 +113,38 @@ def _inputs(name, x, given):
 
 
 @checked(w=array("n"), x=_inputs, b=check_finite, activation=choice(*ACTIVATIONS))
-def neuron(w, x, b=0.0, activation="sigmoid"):
-    """Output of one neuron, sigma(w . x + b). eq-nn-20, eq-nn-21, eq-nn-22, eq-nn-23
+def neuron(w: ArrayLike, x: ArrayLike, b: float = 0.0, activation: str = "sigmoid") -> Floats:
+    """Output of one neuron, sigma(w . x + b).
 
-    w, x: (n,), or x (B, n) for a batch. activation: a name of ACTIVATIONS; "linear" leaves the weighted sum as it is.
-    Returns a number, or (B,). Source: Nielsen (2015), chapter 1.
+    Parameters
+    ----------
+    w : ArrayLike
+        (n,), the weights.
+    x : ArrayLike
+        (n,), the inputs, or (B, n) for a batch.
+    b : float
+        The bias.
+    activation : str
+        A name of ACTIVATIONS; "linear" leaves the weighted sum as it is.
+
+    Returns
+    -------
+    Floats
+        A number, or (B,).
+
+    Notes
+    -----
+    Ledger: eq-nn-20, eq-nn-21, eq-nn-22, eq-nn-23.
+
+    References
+    ----------
+    Nielsen (2015), chapter 1.
+
+    Examples
+    --------
+    >>> from rlcore import neuron
+    >>> neuron([1.0, -1.0], [2.0, 1.0], b=-1.0)
+    np.float64(0.5)
     """
     return ACTIVATIONS[activation][0](x @ w + b)  # eq-nn-23
 
@@ -70,15 +157,51 @@ def _logits(name, logits, given):
 
 
 @checked(logits=_logits)
-def log_softmax(logits):
-    """Logarithms of the softmax of the last axis; adding a number to all logits changes nothing. om-softmax"""
+def log_softmax(logits: ArrayLike) -> Floats:
+    """Logarithms of the softmax of the last axis; adding a number to all logits changes nothing.
+
+    Parameters
+    ----------
+    logits : ArrayLike
+        (K,) or (B, K).
+
+    Returns
+    -------
+    Floats
+        Of the shape of the logits.
+
+    Notes
+    -----
+    Ledger: om-softmax.
+    """
     shifted = logits - logits.max(axis=-1, keepdims=True)  # exp of large logits would overflow
     return shifted - np.log(np.exp(shifted).sum(axis=-1, keepdims=True))  # om-softmax
 
 
 @checked(logits=_logits)
-def softmax(logits):
-    """Probabilities proportional to exp(logits), along the last axis. om-softmax"""
+def softmax(logits: ArrayLike) -> Floats:
+    """Probabilities proportional to exp(logits), along the last axis.
+
+    Parameters
+    ----------
+    logits : ArrayLike
+        (K,) or (B, K).
+
+    Returns
+    -------
+    Floats
+        Of the shape of the logits.
+
+    Notes
+    -----
+    Ledger: om-softmax.
+
+    Examples
+    --------
+    >>> from rlcore import softmax
+    >>> softmax([0.0, 0.0])
+    array([0.5, 0.5])
+    """
     return np.exp(log_softmax.unchecked(logits))
 
 
@@ -94,10 +217,24 @@ def _n_classes(name, n, given):
 
 
 @checked(k=anything, n=_n_classes)
-def one_hot(k, n):
-    """Desired output for class k of n: 1 in place k, counted from 0, and 0 elsewhere. eq-u-digit-target corrected
+def one_hot(k: ArrayLike, n: int) -> Floats:
+    """Desired output for class k of n: 1 in place k, counted from 0, and 0 elsewhere.
 
-    k: a whole number, or (B,) of them. Returns (n,) or (B, n).
+    Parameters
+    ----------
+    k : ArrayLike
+        A whole number, or (B,) of them.
+    n : int
+        Number of classes.
+
+    Returns
+    -------
+    Floats
+        (n,) or (B, n).
+
+    Notes
+    -----
+    Ledger: eq-u-digit-target corrected.
     """
     return (k[..., None] == np.arange(n)).astype(float)
 
@@ -117,17 +254,48 @@ def _desired(name, y, given):
 
 
 @checked(a=_outputs, y=_desired)
-def quadratic_cost(a, y):
-    """C = 1/(2n) sum over the n samples of |y - a|^2. eq-nn-25, ex-digit-cost
+def quadratic_cost(a: ArrayLike, y: ArrayLike) -> float:
+    """The cost C = 1/(2n) sum over the n samples of |y - a|^2.
 
-    a, y: (d,) for one sample or (B, d). Returns a number.
+    Parameters
+    ----------
+    a : ArrayLike
+        (d,) for one sample or (B, d), outputs.
+    y : ArrayLike
+        Like a, what is wanted.
+
+    Returns
+    -------
+    float
+        The mean over the samples.
+
+    Notes
+    -----
+    Ledger: eq-nn-25, ex-digit-cost.
     """
     return float(np.square(y - a).sum() / (2 * np.atleast_2d(a).shape[0]))  # eq-nn-25
 
 
 @checked(a=_outputs, y=_desired)
-def quadratic_gradient(a, y):
-    """Derivative of `quadratic_cost` with respect to a: (a - y) / n, of a's shape. eq-nn-33, eq-nn-34"""
+def quadratic_gradient(a: ArrayLike, y: ArrayLike) -> Floats:
+    """Derivative of `quadratic_cost` with respect to a: (a - y) / n.
+
+    Parameters
+    ----------
+    a : ArrayLike
+        (d,) for one sample or (B, d), outputs.
+    y : ArrayLike
+        Like a, what is wanted.
+
+    Returns
+    -------
+    Floats
+        Of a's shape.
+
+    Notes
+    -----
+    Ledger: eq-nn-33, eq-nn-34.
+    """
     return (a - y) / np.atleast_2d(a).shape[0]
 
 
@@ -137,18 +305,50 @@ def _classes(name, labels, given):
 
 
 @checked(logits=_outputs, labels=_classes)
-def cross_entropy(logits, labels):
+def cross_entropy(logits: ArrayLike, labels: ArrayLike) -> float:
     """Mean of -log of the softmax probability that the logits give to the label.
 
-    logits: (K,) or (B, K), outputs of a linear layer. labels: a whole number below K, or (B,) of them.
-    Returns a number. Source: Goodfellow et al. (2016), section 6.2.2.3.
+    Parameters
+    ----------
+    logits : ArrayLike
+        (K,) or (B, K), outputs of a linear layer.
+    labels : ArrayLike
+        A whole number below K, or (B,) of them.
+
+    Returns
+    -------
+    float
+        The mean over the samples.
+
+    References
+    ----------
+    Goodfellow et al. (2016), section 6.2.2.3.
+
+    Examples
+    --------
+    >>> from rlcore import cross_entropy
+    >>> round(cross_entropy([0.0, 0.0], 1), 4)
+    0.6931
     """
     return float(-np.atleast_2d(log_softmax.unchecked(logits))[np.arange(labels.size), labels].mean())
 
 
 @checked(logits=_outputs, labels=_classes)
-def cross_entropy_gradient(logits, labels):
-    """Derivative of `cross_entropy` with respect to the logits: (softmax - one_hot) / n, of their shape."""
+def cross_entropy_gradient(logits: ArrayLike, labels: ArrayLike) -> Floats:
+    """Derivative of `cross_entropy` with respect to the logits: (softmax - one_hot) / n.
+
+    Parameters
+    ----------
+    logits : ArrayLike
+        (K,) or (B, K).
+    labels : ArrayLike
+        A whole number below K, or (B,) of them.
+
+    Returns
+    -------
+    Floats
+        Of the shape of the logits.
+    """
     p = softmax.unchecked(logits)
     np.atleast_2d(p)[np.arange(labels.size), labels] -= 1
     return p / labels.size
@@ -171,23 +371,79 @@ def _slope(name, w, given):
 
 
 @checked(w=_slope, b=check_finite)
-def step_position(w, b):
-    """Where sigma(w x + b) crosses 1/2: s = -b / w. eq-nn-24, fig-41, cl-090"""
+def step_position(w: ArrayLike, b: float) -> float:
+    """Where sigma(w x + b) crosses 1/2: s = -b / w.
+
+    Parameters
+    ----------
+    w : ArrayLike
+        The weight, not 0.
+    b : float
+        The bias.
+
+    Returns
+    -------
+    float
+        s.
+
+    Notes
+    -----
+    Ledger: eq-nn-24, fig-41, cl-090.
+    """
     return -b / w  # eq-nn-24
 
 
 @checked(x=finite, s=check_finite, w=_slope)
-def step_neuron(x, s, w=1000.0):
-    """A sigmoid neuron steep enough to be a step from 0 to 1 at s: sigma(w x + b) with b = -w s. fig-40, fig-41
+def step_neuron(x: ArrayLike, s: float, w: float = 1000.0) -> Floats:
+    """A sigmoid neuron steep enough to be a step from 0 to 1 at s: sigma(w x + b) with b = -w s.
 
-    x: any shape. w: the weight; a negative one steps down. Returns an array of x's shape.
+    Parameters
+    ----------
+    x : ArrayLike
+        Any shape.
+    s : float
+        Where it steps.
+    w : float
+        The weight; a negative one steps down.
+
+    Returns
+    -------
+    Floats
+        Of x's shape.
+
+    Notes
+    -----
+    Ledger: fig-40, fig-41.
     """
     return sigmoid(w * x - w * s)
 
 
 @checked(x=finite, s1=check_finite, s2=check_finite, h=check_finite, w=_slope)
-def bump(x, s1, s2, h, w=1000.0):
-    """Two step neurons with output weights h and -h: about h between s1 and s2, about 0 elsewhere. eq-u-bump, fig-44"""
+def bump(x: ArrayLike, s1: float, s2: float, h: float, w: float = 1000.0) -> Floats:
+    """Two step neurons with output weights h and -h: about h between s1 and s2, about 0 elsewhere.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        Any shape.
+    s1 : float
+        Where it begins.
+    s2 : float
+        Where it ends.
+    h : float
+        Its height.
+    w : float
+        Weight of the step neurons.
+
+    Returns
+    -------
+    Floats
+        Of x's shape.
+
+    Notes
+    -----
+    Ledger: eq-u-bump, fig-44.
+    """
     return h * step_neuron(x, s1, w) - h * step_neuron(x, s2, w)  # eq-u-bump
 
 
@@ -199,11 +455,37 @@ def _beside(name, y, given):
 
 
 @checked(x=finite, y=_beside, x_range=pair, y_range=pair, h=check_finite, w=_slope)
-def tower(x, y, x_range, y_range, h, w=1000.0):
-    """About h inside the rectangle x_range x y_range, about 0 outside: bumps in two dimensions. cl-083
+def tower(x: ArrayLike, y: ArrayLike, x_range: ArrayLike, y_range: ArrayLike, h: float, w: float = 1000.0) -> Floats:
+    """About h inside the rectangle x_range x y_range, about 0 outside: bumps in two dimensions.
 
     A bump of height 1 along each axis; both together make 2, one alone 1, so that a step neuron at 3/2 fires inside
-    only. x, y: arrays of one shape. x_range, y_range: pairs. Source: Nielsen (2015), chapter 4.
+    only.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        Any shape.
+    y : ArrayLike
+        Like x.
+    x_range, y_range : ArrayLike
+        A pair.
+    h : float
+        Its height.
+    w : float
+        Weight of the step neurons.
+
+    Returns
+    -------
+    Floats
+        Of x's shape.
+
+    Notes
+    -----
+    Ledger: cl-083.
+
+    References
+    ----------
+    Nielsen (2015), chapter 4.
     """
     both = bump(x, *x_range, 1.0, w) + bump(y, *y_range, 1.0, w)
     return h * step_neuron(both, 1.5, w)

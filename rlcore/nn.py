@@ -1,9 +1,14 @@
 """A neural network on one parameter vector: forward, backward, trained, and made by hand (chapter 6)."""
 
+from __future__ import annotations
+
 import copy
+from collections.abc import Callable, Sequence
 from math import isfinite
+from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from rlcore.core.checks import (
     LARGEST,
@@ -17,6 +22,7 @@ from rlcore.core.checks import (
 )
 from rlcore.core.rules import anything, check_dtype, checked, choice, count, function_of
 from rlcore.core.samples import all_finite, as_samples, check_labels, check_samples, finite_numbers, pair
+from rlcore.core.types import ArrayLike, Floats, Given, Network, Optimizer, Rng
 from rlcore.neurons import ACTIVATIONS, COSTS
 from rlcore.optimizers import take_step
 
@@ -46,17 +52,49 @@ def _rng(name, rng, given):
 
 
 class MLP:
-    """A multilayer perceptron: every neuron of a layer sees every one of the layer before. alg-mlp-forward, fig-30
+    """A multilayer perceptron: every neuron of a layer sees every one of the layer before.
 
-    sizes: neurons of each layer, inputs first: [784, 16, 16, 10]. hidden, output: names of ACTIVATIONS. optimizer: what
-    `step` uses, an SGD or Adam of its own. init: normal weights of standard deviation sqrt(2 / (n_in + n_out))
-    "xavier", sqrt(2 / n_in) "he", 1 "unit", or "zeros", which needs no rng (None). Biases start at 0.
     theta: (P,), all parameters, layer by layer, weights before biases; weights[l] (n_out, n_in) and biases[l] (n_out,)
-    are views of it. Source: Nielsen (2015), chapters 1 and 2; Glorot and Bengio (2010); He et al. (2015).
+    are views of it. Biases start at 0.
+
+    Parameters
+    ----------
+    sizes : Sequence[int]
+        Neurons of each layer, inputs first: [784, 16, 16, 10].
+    hidden, output : str
+        Name of ACTIVATIONS.
+    optimizer : Optimizer | None
+        What `step` uses, an SGD or Adam of its own.
+    init : str
+        Normal weights of standard deviation sqrt(2 / (n_in + n_out)) "xavier", sqrt(2 / n_in) "he", 1 "unit", or
+        "zeros", which needs no rng (None).
+    dtype : DTypeLike
+        numpy.float32 or numpy.float64.
+    rng : Rng | None
+        Source of all that is random.
+
+    Notes
+    -----
+    Ledger: alg-mlp-forward, fig-30.
+
+    References
+    ----------
+    Nielsen (2015), chapters 1 and 2; Glorot and Bengio (2010); He et al. (2015).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import MLP
+    >>> net = MLP([2, 8, 1], rng=np.random.default_rng(0))
+    >>> net.n_parameters, net.forward([0.5, -1.0]).shape
+    (33, (1,))
     """
 
     @checked(sizes=_sizes, hidden=choice(*ACTIVATIONS), output=choice(*ACTIVATIONS), init=choice(*INITIAL), rng=_rng)
-    def __init__(self, sizes, *, hidden="tanh", output="linear", optimizer=None, init="xavier", dtype=np.float32, rng):
+    def __init__(
+        self, sizes: Sequence[int], *, hidden: str = "tanh", output: str = "linear", optimizer: Optimizer | None = None,
+        init: str = "xavier", dtype: DTypeLike = np.float32, rng: Rng | None,
+    ) -> None:  # fmt: skip
         self.sizes, self.hidden, self.output, self.optimizer = sizes, hidden, output, optimizer
         self.theta = np.zeros(_n_parameters(sizes), dtype)
         self._view()
@@ -70,10 +108,10 @@ class MLP:
         self.zs, self.activations, self.deltas = [], [], []
 
     @property
-    def n_parameters(self):
+    def n_parameters(self) -> int:
         return self.theta.size
 
-    def forward(self, x):
+    def forward(self, x: ArrayLike) -> Floats:
         """Outputs for one sample or a batch. eq-nn-29, eq-nn-30, eq-nn-31
 
         x: (n_0,) or (B, n_0). Returns (n_L,) or (B, n_L). Keeps activations[l], a^l with a^0 = x, and zs[l], the
@@ -98,7 +136,7 @@ class MLP:
         check_samples("x", x, self.theta.dtype)
         raise ValueError("theta: gives outputs that are not finite, must be smaller; take smaller steps (lr, alpha)")
 
-    def backward(self, d_outputs):
+    def backward(self, d_outputs: ArrayLike) -> Floats:
         """Gradient of the cost with respect to theta, summed over the samples of the last `forward`. alg-backprop
 
         d_outputs: dJ/da^L, of the outputs' shape. Returns (P,), ordered as theta. Keeps deltas[l], dJ/dz of layer
@@ -123,7 +161,7 @@ class MLP:
                 np.dot(delta.T, a[l], out=d_weights[l])
         return gradient
 
-    def jvp(self, v):
+    def jvp(self, v: ArrayLike) -> Floats:
         """Change of the last `forward`'s outputs for a small change v (P,) of theta, divided by its size.
 
         Forward mode: beside each layer's activation goes its derivative. Source: Pearlmutter (1994).
@@ -138,11 +176,11 @@ class MLP:
             da = dz * self._slope[l](z, self.activations[l + 1])
         return da
 
-    def step(self, gradient):
+    def step(self, gradient: ArrayLike) -> None:
         """One step of the optimizer, theta changed in place."""
         take_step(self, gradient)
 
-    def copy(self, dtype=None):
+    def copy(self, dtype: DTypeLike | None = None) -> MLP:
         """An independent copy, in another precision if dtype says so."""
         twin = copy.copy(self)
         twin.theta = self.theta.astype(self.theta.dtype if dtype is None else check_dtype("dtype", dtype))
@@ -150,10 +188,10 @@ class MLP:
         twin._view()
         return twin
 
-    def __getstate__(self):  # pickled and deep-copied without views, which would part from theta
+    def __getstate__(self) -> dict[str, Any]:  # pickled and deep-copied without views, which would part from theta
         return {name: getattr(self, name) for name in ("sizes", "hidden", "output", "optimizer", "theta")}
 
-    def __setstate__(self, state):
+    def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._view()
 
@@ -168,7 +206,7 @@ def _layers(theta, sizes):
     return weights, biases
 
 
-def network(name, net, given):
+def network(name: str, net: Any, given: Given) -> Network:
     """The rule of an MLP or a TorchNet."""
     if not all(hasattr(net, part) for part in ("forward", "backward", "step", "theta")):
         raise ValueError(f"{name}: got {type(net).__name__}, must be an MLP or a TorchNet")
@@ -198,11 +236,38 @@ LEARNING = dict(net=network, y=_answers, cost=choice(*COSTS))
 
 
 @checked(**LEARNING, x=_samples(1, 2))
-def backprop(net, x, y, cost="quadratic"):
-    """Cost and its gradient, the mean over the samples where there are several. alg-backprop, eq-nn-26, cl-097
+def backprop(net: Network, x: ArrayLike, y: ArrayLike, cost: str = "quadratic") -> tuple[float, Floats]:
+    """Cost and its gradient, the mean over the samples where there are several.
 
-    net: MLP or TorchNet. x: (d,) or (B, d). y: desired outputs, or the labels of cost "cross_entropy".
-    Returns a number and (P,). The errors of each layer are in net.deltas afterwards. eq-nn-32
+    The errors of each layer are in net.deltas afterwards.
+
+    Parameters
+    ----------
+    net : Network
+        MLP or TorchNet.
+    x : ArrayLike
+        (d,) or (B, d).
+    y : ArrayLike
+        Desired outputs, or the labels of cost "cross_entropy".
+    cost : str
+        "quadratic" or "cross_entropy".
+
+    Returns
+    -------
+    tuple[float, Floats]
+        The cost, and its gradient (P,).
+
+    Notes
+    -----
+    Ledger: alg-backprop, eq-nn-26, cl-097, eq-nn-32.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import MLP, backprop
+    >>> cost, gradient = backprop(MLP([2, 8, 1], rng=np.random.default_rng(0)), [0.5, -1.0], [0.0])
+    >>> gradient.shape
+    (33,)
     """
     return _backprop(net, x, y, cost)
 
@@ -223,11 +288,40 @@ def _fit(y, outputs, cost):
 
 
 @checked(**LEARNING, x=_samples(1, 2), h=check_positive)
-def gradient_check(net, x, y, cost="quadratic", h=1e-6):
-    """Largest relative error of backprop's gradient against central differences, both in float64. alg-backprop
+def gradient_check(net: MLP, x: ArrayLike, y: ArrayLike, cost: str = "quadratic", h: float = 1e-6) -> float:
+    """Largest relative error of backprop's gradient against central differences, both in float64.
 
-    Relative to the parameter's own derivative, or to a hundredth of the largest one where that is more. Arguments as
-    for `backprop`. h: change of each parameter. Needs two forward passes a parameter.
+    Relative to the parameter's own derivative, or to a hundredth of the largest one where that is more. Needs two
+    forward passes a parameter.
+
+    Parameters
+    ----------
+    net : MLP
+        The network.
+    x : ArrayLike
+        (d,) or (B, d).
+    y : ArrayLike
+        Desired outputs, or the labels of cost "cross_entropy".
+    cost : str
+        "quadratic" or "cross_entropy".
+    h : float
+        Change of each parameter.
+
+    Returns
+    -------
+    float
+        The largest relative error.
+
+    Notes
+    -----
+    Ledger: alg-backprop.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import MLP, gradient_check
+    >>> gradient_check(MLP([2, 8, 1], rng=np.random.default_rng(0)), [0.5, -1.0], [0.0]) < 1e-6
+    True
     """
     net, C = net.copy(np.float64), COSTS[cost][0].unchecked
     gradient, numeric = _backprop(net, x, y, cost)[1], np.zeros(net.theta.size)
@@ -246,12 +340,56 @@ def _batch(name, batch, given):
 
 
 @checked(**LEARNING, x=_samples(2), batch=_batch, epochs=count(), on_epoch=function_of("(epoch, cost)"))
-def sgd(net, x, y, *, optimizer=None, batch, epochs, cost="quadratic", on_epoch=None, rng):
-    """Train on minibatches drawn without replacement, anew in each epoch. alg-sgd, om-sgd, fig-47
+def sgd(
+    net: Network, x: ArrayLike, y: ArrayLike, *, optimizer: Optimizer | None = None, batch: int | None, epochs: int,
+    cost: str = "quadratic", on_epoch: Callable[[int, float], object] | None = None, rng: Rng,
+) -> Floats:  # fmt: skip
+    """Train on minibatches drawn without replacement, anew in each epoch.
 
-    net: MLP or TorchNet. x: (n, d). y: (n, k), or labels (n,) for cost "cross_entropy". optimizer: None for the net's
-    own. batch: samples in a step; None takes all. on_epoch(epoch, cost): called after each, counted from 1.
-    Returns (epochs,): the cost of each epoch, averaged over its minibatches before their step.
+    Parameters
+    ----------
+    net : Network
+        MLP or TorchNet.
+    x : ArrayLike
+        (n, d).
+    y : ArrayLike
+        (n, k), or labels (n,) for cost "cross_entropy".
+    optimizer : Optimizer | None
+        None for the net's own.
+    batch : int | None
+        Samples in a step; None takes all.
+    epochs : int
+        Passes over the samples.
+    cost : str
+        "quadratic" or "cross_entropy".
+    on_epoch : Callable[[int, float], object] | None
+        Called as on_epoch(epoch, cost) after each, counted from 1.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Floats
+        (epochs,): the cost of each epoch, averaged over its minibatches before their step.
+
+    Raises
+    ------
+    ValueError
+        Where the cost becomes infinite, for smaller steps are needed.
+
+    Notes
+    -----
+    Ledger: alg-sgd, om-sgd, fig-47.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import MLP, SGD, sgd
+    >>> rng = np.random.default_rng(0)
+    >>> x, net = rng.standard_normal((100, 2)), MLP([2, 8, 1], optimizer=SGD(0.1), rng=rng)
+    >>> costs = sgd(net, x, x[:, :1], batch=10, epochs=20, rng=rng)
+    >>> bool(costs[-1] < costs[0] / 10)
+    True
     """
     net.optimizer = optimizer or net.optimizer
     x, history = x.astype(net.theta.dtype, copy=False), np.zeros(epochs)
@@ -294,14 +432,48 @@ def _heights(name, heights, given):
 
 
 @checked(f=anything, interval=_interval, w=check_positive, heights=_heights, ends=check_nonnegative)
-def step_bump_network(f, n, *, interval=(0.0, 1.0), w=1000.0, heights="centre", ends=0.05):
-    """A network of 2n sigmoid neurons and a linear output that is n bumps beside each other. alg-step-network, fig-46
+def step_bump_network(
+    f: Callable[[Floats], ArrayLike], n: int, *, interval: tuple[float, float] = (0.0, 1.0), w: float = 1000.0,
+    heights: str | ArrayLike = "centre", ends: float = 0.05,
+) -> MLP:  # fmt: skip
+    """A network of 2n sigmoid neurons and a linear output that is n bumps beside each other.
 
-    f: the function to approximate, of an array. heights: f at the "centre" of each bump, the "mid-range" of f over it,
-    or (n,) numbers. w: weight of every hidden neuron. ends: the first and the last step stand outside the interval, by
-    this part of its length: with 0 the network has half the height there. Returns an MLP [1, 2n, 1] in float64; its
-    hidden neurons come in pairs, left and right step of each bump. cl-091, cl-092, om-uat-statement
-    Source: Nielsen (2015), chapter 4.
+    Parameters
+    ----------
+    f : Callable[[Floats], ArrayLike]
+        The function to approximate, of an array.
+    n : int
+        Number of bumps.
+    interval : tuple[float, float]
+        Where f is approximated.
+    w : float
+        Weight of every hidden neuron.
+    heights : str | ArrayLike
+        f at the "centre" of each bump, the "mid-range" of f over it, or (n,) numbers.
+    ends : float
+        The first and the last step stand outside the interval, by this part of its length: with 0 the network has half
+        the height there.
+
+    Returns
+    -------
+    MLP
+        An MLP [1, 2n, 1] in float64; its hidden neurons come in pairs, left and right step of each bump.
+
+    Notes
+    -----
+    Ledger: alg-step-network, fig-46, cl-091, cl-092, om-uat-statement.
+
+    References
+    ----------
+    Nielsen (2015), chapter 4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import step_bump_network
+    >>> net = step_bump_network(np.square, 100)
+    >>> bool(abs(net.forward([0.5])[0] - 0.25) < 0.01)
+    True
     """
     (low, high), h = interval, heights
     edges = np.linspace(low, high, n + 1)
@@ -324,7 +496,7 @@ def _values(f, x):
     return np.broadcast_to(y, x.shape)
 
 
-def check_network(name, net, n_in, n_out):
+def check_network(name: str, net: Any, n_in: int, n_out: int) -> None:
     """ValueError unless net is an MLP or TorchNet with an optimizer, from n_in numbers to n_out."""
     if getattr(network(name, net, None), "optimizer", None) is None:
         raise ValueError(f"{name}: has no optimizer, needs one such as Adam(0.01)")

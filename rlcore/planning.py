@@ -1,5 +1,7 @@
 """Planning with a learned model, and learning with planning: counts, certainty equivalence, Dyna (chapter 3)."""
 
+from __future__ import annotations
+
 import itertools
 from collections import Counter, defaultdict, namedtuple
 from dataclasses import dataclass
@@ -25,6 +27,7 @@ from rlcore.core.results import PlanningRun
 from rlcore.core.rules import anything, checked, count, index, sized, takes_none
 from rlcore.core.sampling import draw, step
 from rlcore.core.schedules import at, constant, now
+from rlcore.core.types import ArrayLike, Floats, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, rollout
@@ -42,10 +45,31 @@ def _with_a_model(name, run, given):
     run=_with_a_model, s=index(lambda given: given["run"].model.n_states),
     a=index(lambda given: given["run"].model.n_actions),
 )  # fmt: skip
-def predict(run, s, a):
-    """p(s'|s, a) as (S,) and r(s, a), as the model kept by `run` has them. ex-prediction-test, cl-029
+def predict(run: PlanningRun, s: int, a: int) -> tuple[Floats, float]:
+    """What the model kept by `run` says will follow.
 
-    Raises ValueError where `run` keeps no model, as every model-free method.
+    Parameters
+    ----------
+    run : PlanningRun
+        A run of a method that keeps its model.
+    s : int
+        The state.
+    a : int
+        The action.
+
+    Returns
+    -------
+    tuple[Floats, float]
+        p(s'|s, a), (S,), and r(s, a).
+
+    Raises
+    ------
+    ValueError
+        Where `run` keeps no model, as every model-free method.
+
+    Notes
+    -----
+    Ledger: ex-prediction-test, cl-029.
     """
     model = run.model
     p = np.bincount(model.next_state[s, a], weights=model.prob[s, a], minlength=model.n_states)
@@ -66,10 +90,28 @@ class Transitions:
 
 
 @learner(lambda given, *found: Transitions(*found), world=check_world)
-def sample_transitions(world, pi, n_steps, *, rng):
-    """n_steps transitions under pi, starting anew after each terminal state. alg-model-learning
+def sample_transitions(world: World, pi: ArrayLike, n_steps: int, *, rng: Rng) -> Transitions:
+    """Transitions under pi, starting anew after each terminal state.
 
-    world: FiniteMDP. Returns Transitions.
+    Parameters
+    ----------
+    world : World
+        The process.
+    pi : ArrayLike
+        (S, A), the policy; rows sum to 1.
+    n_steps : int
+        Number of steps.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Transitions
+        (s, a, r, s') of each step.
+
+    Notes
+    -----
+    Ledger: alg-model-learning.
     """
     s, a = np.zeros(n_steps, np.int64), np.zeros(n_steps, np.int64)
     r, s_next = np.zeros(n_steps), np.zeros(n_steps, np.int64)
@@ -114,12 +156,52 @@ def _legal(name, legal, given):
 
 
 @checked(data=_recorded, n_actions=sized("n_states"), terminal=_some_states, legal=_legal, start=anything)
-def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=None, unseen=0.0):
-    """The maximum-likelihood FiniteMDP: p(s', r|s, a) is how often (s', r) followed (s, a). alg-model-learning
+def estimate_model(
+    data: Transitions, n_states: int, n_actions: int, *, terminal: ArrayLike = (), legal: ArrayLike | None = None,
+    start: ArrayLike | None = None, unseen: float = 0.0,
+) -> FiniteMDP:  # fmt: skip
+    """The maximum-likelihood FiniteMDP: p(s', r|s, a) is how often (s', r) followed (s, a).
 
-    data: Transitions. terminal: states that end an episode. legal: (S, A) bool, all where None. start: state or (S,).
-    unseen: a pair never tried is taken to stay where it is with this reward; 0 says "nothing to gain there", a reward
-    that no state can beat makes the planner try everything once (optimism). Source: Brafman and Tennenholtz (2002).
+    Parameters
+    ----------
+    data : Transitions
+        What was tried, as `sample_transitions` gives it.
+    n_states : int
+        Number of states, S.
+    n_actions : int
+        Number of actions, A.
+    terminal : ArrayLike
+        States that end an episode.
+    legal : ArrayLike | None
+        (S, A) bool, all where None.
+    start : ArrayLike | None
+        A state, or (S,).
+    unseen : float
+        A pair never tried is taken to stay where it is with this reward; 0 says "nothing to gain there", a reward that
+        no state can beat makes the planner try everything once (optimism).
+
+    Returns
+    -------
+    FiniteMDP
+        The model, a process of its own.
+
+    Notes
+    -----
+    Ledger: alg-model-learning.
+
+    References
+    ----------
+    Brafman and Tennenholtz (2002).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import estimate_model
+    >>> from rlcore.envs.small import random_walk
+    >>> from rlcore.planning import sample_transitions
+    >>> data = sample_transitions(random_walk(3), np.ones((5, 1)), 100, rng=np.random.default_rng(0))
+    >>> estimate_model(data, 5, 1, terminal=[0, 4])
+    FiniteMDP(5 states, 1 actions, 2 outcomes, 2 terminal)
     """
     _within(data, n_states, n_actions)
     legal = np.ones((n_states, n_actions), bool) if legal is None else legal
@@ -139,12 +221,48 @@ def estimate_model(data, n_states, n_actions, *, terminal=(), legal=None, start=
 
 
 @checked(world=check_world)
-def certainty_equivalent_control(world, gamma, n_episodes, *, epsilon=0.1, unseen=0.0, max_steps=10_000, record=0, rng):
-    """Estimate the model, plan in it as if it were true, act on the plan for an episode, repeat. alg-ce-planning
+def certainty_equivalent_control(
+    world: FiniteMDP, gamma: float, n_episodes: int, *, epsilon: Rate = 0.1, unseen: float = 0.0,
+    max_steps: int = 10_000, record: int = 0, rng: Rng,
+) -> PlanningRun:  # fmt: skip
+    """Estimate the model, plan in it as if it were true, act on the plan for an episode, repeat.
 
-    world: FiniteMDP to act in; of it, the method knows A(s) and the terminal states. epsilon: probability of a random
-    action. unseen: as in estimate_model. max_steps: an episode is cut there. record: history keeps the Q planned before
-    the first and after each record-th episode; 0 keeps none. Returns a PlanningRun.
+    Parameters
+    ----------
+    world : FiniteMDP
+        The process to act in; of it, the method knows A(s) and the terminal states.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    epsilon : Rate
+        Probability of a random action.
+    unseen : float
+        As in estimate_model.
+    max_steps : int
+        An episode is cut there.
+    record : int
+        history keeps the Q planned before the first and after each record-th episode; 0 keeps none.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    PlanningRun
+        It keeps its model, for `predict`.
+
+    Notes
+    -----
+    Ledger: alg-ce-planning.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import certainty_equivalent_control
+    >>> from rlcore.envs.grids import dyna_maze
+    >>> run = certainty_equivalent_control(dyna_maze(), 0.95, 10, rng=np.random.default_rng(0))
+    >>> bool(run.lengths[-1] < run.lengths[0])
+    True
     """
     S, A = world.legal.shape
     known = dict(terminal=np.flatnonzero(world.terminal), legal=world.legal, start=world.start, unseen=unseen)
@@ -177,7 +295,7 @@ Memory = namedtuple("Memory", "next_state reward ended last states n_states acti
 
 
 @compiled
-def empty_memory(S, A):
+def empty_memory(S: int, A: int) -> Memory:
     """A Memory of nothing."""
     return Memory(
         np.full((S, A), -1), np.zeros((S, A)), np.zeros((S, A), np.bool_), np.zeros((S, A)), np.zeros(S, np.int64),
@@ -186,7 +304,7 @@ def empty_memory(S, A):
 
 
 @compiled
-def remember(memory, Q, s, a, untried):
+def remember(memory: Memory, Q: Floats, s: int, a: int, untried: bool) -> None:
     """List the pair (s, a), which was never tried before, and with `untried` the other actions of s."""
     if memory.n_actions[s] == 0:
         memory.states[memory.n_states[0]] = s
@@ -223,18 +341,67 @@ def _with_model(given, Q, returns, lengths, history, visits, memory):
 
 @learner(_with_model, n_planning=count(0), kappa=check_nonnegative, change=_change)
 def dyna_q(
-    world, gamma, n_episodes, *, n_planning, alpha, epsilon, Q0=0.0, kappa=0.0, max_steps=None, change=None, record=0,
-    rng,
-):  # fmt: skip
-    """Q-learning that also replays n_planning remembered transitions after each real one. alg-dyna, fig-12
+    world: World, gamma: float, n_episodes: int, *, n_planning: int, alpha: Rate, epsilon: Rate, Q0: ArrayLike = 0.0,
+    kappa: float = 0.0, max_steps: int | None = None, change: tuple[int, FiniteMDP] | None = None, record: int = 0,
+    on_episode: OnEpisode | None = None, rng: Rng,
+) -> PlanningRun:  # fmt: skip
+    """Q-learning that also replays n_planning remembered transitions after each real one.
 
-    world: FiniteMDP, gymnasium.Env or its id. n_planning = 0 is Q-learning, without a model. The model is the last
-    outcome of each pair tried, which is right where the world is deterministic. alpha: in (0, 1], or decaying(...).
-    epsilon: probability of a random action, or decaying(...). Q0: first estimates, a number or (S, A). max_steps: an
-    episode is cut there, as a truncation. kappa: a transition not tried for tau steps is replayed with its reward +
-    kappa sqrt(tau), untried actions of states met included (Dyna-Q+). change: (step, FiniteMDP), the world from that
-    step on. record: history keeps Q before the first and after each record-th episode; 0 keeps none.
-    Returns a PlanningRun; its policy is greedy. Source: Sutton and Barto (2018), sections 8.2 and 8.3.
+    n_planning = 0 is Q-learning, without a model. The model is the last outcome of each pair tried, which is right
+    where the world is deterministic.
+
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium environment with numbered states and actions, or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    n_planning : int
+        Remembered transitions that are replayed after each real one.
+    alpha : Rate
+        Step size in (0, 1], or decaying(...).
+    epsilon : Rate
+        Probability of a random action, or decaying(...).
+    Q0 : ArrayLike
+        First estimates, a number or (S, A).
+    kappa : float
+        A transition not tried for tau steps is replayed with its reward + kappa sqrt(tau), untried actions of states
+        met included (Dyna-Q+).
+    max_steps : int | None
+        An episode is cut there, as a truncation; None: a million steps.
+    change : tuple[int, FiniteMDP] | None
+        (step, FiniteMDP), the world from that step on.
+    record : int
+        history keeps Q before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    PlanningRun
+        The policy is greedy in the last Q.
+
+    Notes
+    -----
+    Ledger: alg-dyna, fig-12.
+
+    References
+    ----------
+    Sutton and Barto (2018), sections 8.2 and 8.3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import dyna_q
+    >>> from rlcore.envs.grids import dyna_maze
+    >>> rng = np.random.default_rng(0)
+    >>> run = dyna_q(dyna_maze(), 0.95, 20, n_planning=20, alpha=0.5, epsilon=0.1, rng=rng)
+    >>> bool(run.lengths[-1] < 40)
+    True
     """
     Q, N, memory, t = Q0, np.zeros(Q0.shape, np.int64), empty_memory(*Q0.shape), 0
     returns, lengths, history = log(Q, n_episodes, record)
@@ -266,11 +433,37 @@ def dyna_q(
 
 
 @checked(data=_recorded, n_actions=sized("n_states"), Q0=check_finite)
-def replay(data, n_states, n_actions, gamma, *, alpha, Q0=0.0):
-    """Q (S, A) after one pass of Q-learning over recorded transitions, in their order. cl-034, eq-21
+def replay(
+    data: Transitions, n_states: int, n_actions: int, gamma: float, *, alpha: float, Q0: ArrayLike = 0.0
+) -> Floats:
+    """One pass of Q-learning over recorded transitions, in their order.
 
-    data: Transitions. Whoever chose the actions, they index the updates. States that occur only as s' keep Q0, so that
-    with Q0 = 0 terminal states count 0.
+    Whoever chose the actions, they index the updates. States that occur only as s' keep Q0, so that with Q0 = 0
+    terminal states count 0.
+
+    Parameters
+    ----------
+    data : Transitions
+        What was tried, as `sample_transitions` gives it.
+    n_states : int
+        Number of states, S.
+    n_actions : int
+        Number of actions, A.
+    gamma : float
+        Discount, in [0, 1].
+    alpha : float
+        Step size in (0, 1].
+    Q0 : ArrayLike
+        First estimate, a number or (S, A).
+
+    Returns
+    -------
+    Floats
+        Q, (S, A).
+
+    Notes
+    -----
+    Ledger: cl-034, eq-21.
     """
     _within(data, n_states, n_actions)
     Q = np.full((n_states, n_actions), Q0)

@@ -1,6 +1,10 @@
 """Policies in a table: epsilon-greedy, and softmax in features (chapters 4 and 7)."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from math import exp
+from typing import Any
 
 import numpy as np
 
@@ -11,13 +15,40 @@ from rlcore.core.results import Run
 from rlcore.core.rules import checked, takes_none
 from rlcore.core.samples import check_labels
 from rlcore.core.schedules import Schedule, constant, now
+from rlcore.core.types import ArrayLike, Flags, Floats, Given, Ints, Rng
 from rlcore.core.worlds import open_world, tabular_world
 from rlcore.neurons import softmax
 
 
 @compiled
-def epsilon_greedy(Q, s, epsilon, rng):
-    """A legal action at random with probability epsilon, else a maximising one; ties at random. -inf: not legal."""
+def epsilon_greedy(Q: Floats, s: int, epsilon: float, rng: Rng) -> int:
+    """A legal action at random with probability epsilon, else a maximising one; ties at random.
+
+    For loops that are compiled: arguments are not checked.
+
+    Parameters
+    ----------
+    Q : Floats
+        (S, A), -inf where an action is not legal.
+    s : int
+        The state.
+    epsilon : float
+        In [0, 1].
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    int
+        The action.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import epsilon_greedy
+    >>> int(epsilon_greedy(np.array([[0.0, 1.0]]), 0, 0.0, np.random.default_rng(0)))
+    1
+    """
     lowest, n = -np.inf, 0
     for a in range(Q.shape[1]):  # maximum and ties in one pass: 1.6 times the speed where there is no numba
         q = Q[s, a]
@@ -40,7 +71,7 @@ def epsilon_greedy(Q, s, epsilon, rng):
 
 
 @compiled
-def max_value(Q, s):
+def max_value(Q: Floats, s: int) -> float:
     """max over a of Q(s, a)."""
     best = Q[s, 0]
     for a in range(1, Q.shape[1]):
@@ -49,7 +80,7 @@ def max_value(Q, s):
 
 
 @compiled
-def expected_value(Q, s, epsilon):
+def expected_value(Q: Floats, s: int, epsilon: float) -> float:
     """Mean of Q(s, .) under the epsilon-greedy policy of Q; -inf marks actions that are not legal."""
     total, n = 0.0, 0
     for a in range(Q.shape[1]):
@@ -69,14 +100,37 @@ def _acting(name, Q, given):
 
 
 @checked(Q=_acting, epsilon=check_probability)
-def soft_greedy(Q, epsilon):
-    """The epsilon-greedy policy (S, A) of Q: ties share the greedy part, -inf marks actions that are not legal."""
+def soft_greedy(Q: ArrayLike, epsilon: float) -> Floats:
+    """The epsilon-greedy policy of Q: ties share the greedy part.
+
+    Parameters
+    ----------
+    Q : ArrayLike
+        (S, A), -inf where a is not in A(s).
+    epsilon : float
+        In [0, 1].
+
+    Returns
+    -------
+    Floats
+        (S, A).
+
+    Examples
+    --------
+    >>> from rlcore import soft_greedy
+    >>> soft_greedy([[0.0, 1.0], [2.0, 2.0]], 0.1)
+    array([[0.05, 0.95],
+           [0.5 , 0.5 ]])
+    """
     best, legal = greedy_actions(Q), np.isfinite(Q)
     share = [x / x.sum(axis=1, keepdims=True) for x in (best, legal)]
     return (1 - epsilon) * share[0] + epsilon * share[1]
 
 
-def control(given, Q, returns, lengths, history, visits=None, kind=Run, **more):
+def control(
+    given: Given, Q: Floats, returns: Floats, lengths: Ints, history: Floats, visits: Ints | None = None,
+    kind: Callable[..., Run] = Run, **more: Any,
+) -> Run:  # fmt: skip
     """The Run of a loop that learned Q: V its maximum, the policy epsilon-greedy in the last Q."""
     epsilon = float(now(given["epsilon"], np.count_nonzero(lengths), lengths.sum()))
     history = history if given["record"] else None
@@ -107,12 +161,42 @@ def _legal(name, legal, given):
 
 
 @checked(theta=_parameters, x=_features, legal=_legal, p_min=lambda name, p, given: check_p_min(p, len(given["theta"])))
-def softmax_policy(theta, x=None, legal=None, *, p_min=0.0):
-    """pi(a|s) proportional to exp(h), h(s, a) = theta[a] . x(s), as (S, A). om-softmax, alg-softmax-policy
+def softmax_policy(
+    theta: ArrayLike, x: ArrayLike | None = None, legal: ArrayLike | None = None, *, p_min: float = 0.0
+) -> Floats:
+    """The softmax policy: pi(a|s) proportional to exp(h(s, a)), h(s, a) = theta[a] . x(s).
 
-    theta: (A, d). x: (S, d) features, rows that are equal where states look alike; None where there is one feature a
-    state, theta[a, s] = h(s, a). legal: (S, A) bool. p_min: below it no legal action's probability falls; the others
-    share the rest. Source: Sutton and Barto (2018), (13.2), (13.3).
+    Parameters
+    ----------
+    theta : ArrayLike
+        (A, d).
+    x : ArrayLike | None
+        (S, d) features, rows that are equal where states look alike; None where there is one feature a state, theta[a,
+        s] = h(s, a).
+    legal : ArrayLike | None
+        (S, A); all where None.
+    p_min : float
+        Below it no legal action's probability falls; the others share the rest.
+
+    Returns
+    -------
+    Floats
+        (S, A).
+
+    Notes
+    -----
+    Ledger: om-softmax, alg-softmax-policy.
+
+    References
+    ----------
+    Sutton and Barto (2018), (13.2), (13.3).
+
+    Examples
+    --------
+    >>> from rlcore import softmax_policy
+    >>> softmax_policy([[0.0], [1.0]], [[0.0], [1.0]]).round(3)
+    array([[0.5  , 0.5  ],
+           [0.269, 0.731]])
     """
     return np.array([probabilities(np.zeros(len(theta)), theta, row, ok, p_min) for row, ok in zip(x, legal)])
 
@@ -127,16 +211,39 @@ def _action(name, a, given):
 
 
 @checked(theta=_parameters, x=_one_state, a=_action)
-def grad_log_softmax(theta, x, a):
-    """The score, gradient of ln pi(a|x) with respect to theta, (A, d). om-score, alg-softmax-policy
+def grad_log_softmax(theta: ArrayLike, x: ArrayLike, a: int) -> Floats:
+    """The score, gradient of ln pi(a|x) with respect to theta.
 
-    x: (d,) features of one state.
+    Parameters
+    ----------
+    theta : ArrayLike
+        (A, d).
+    x : ArrayLike
+        (d,) features of one state.
+    a : int
+        The action.
+
+    Returns
+    -------
+    Floats
+        (A, d).
+
+    Notes
+    -----
+    Ledger: om-score, alg-softmax-policy.
+
+    Examples
+    --------
+    >>> from rlcore import grad_log_softmax
+    >>> grad_log_softmax([[0.0], [0.0]], [1.0], 0)
+    array([[ 0.5],
+           [-0.5]])
     """
     return np.outer(np.eye(len(theta))[a] - softmax.unchecked(theta @ x), x)  # om-score
 
 
 @compiled
-def probabilities(pi, theta, x, legal, p_min):
+def probabilities(pi: Floats, theta: Floats, x: Floats, legal: Flags, p_min: float) -> Floats:
     """pi (A,), filled with the softmax of theta x over the legal actions.
 
     One number at a time, beside neurons.softmax: 3 times as fast as arrays in compiled loops, and the same bits without
@@ -172,7 +279,7 @@ def probabilities(pi, theta, x, legal, p_min):
 
 
 @compiled
-def choose(pi, rng):
+def choose(pi: Floats, rng: Rng) -> int:
     u, last = rng.random(), 0
     for a in range(pi.size):
         if pi[a] > 0.0:
@@ -184,7 +291,7 @@ def choose(pi, rng):
 
 
 @compiled
-def add_score(g, scale, pi, x, a):
+def add_score(g: Floats, scale: float, pi: Floats, x: Floats, a: int) -> None:
     """g += scale * grad ln pi(a|s). om-score"""
     for b in range(pi.size):
         for i in range(x.size):
@@ -192,7 +299,7 @@ def add_score(g, scale, pi, x, a):
 
 
 @compiled
-def dot(w, x):
+def dot(w: Floats, x: Floats) -> float:
     total = 0.0
     for i in range(x.size):
         total += w[i] * x[i]
@@ -202,7 +309,7 @@ def dot(w, x):
 # ---------------------------------------------------------------------- checks
 
 
-def check_features(name, x, n_states, d=None):
+def check_features(name: str, x: Any, n_states: int | None, d: int | None = None) -> Floats:
     """x as (S, d) floats; one feature a state where None."""
     if x is None:
         return np.eye(n_states)
@@ -215,7 +322,7 @@ def check_features(name, x, n_states, d=None):
     return x
 
 
-def check_parameters(name, values, shape=None):
+def check_parameters(name: str, values: Any, shape: tuple[int, ...] | None = None) -> Floats:
     """values as a new float array, a number broadcast to shape; (A, d) where shape is None."""
     values = as_floats(name, values)
     if shape is not None and values.ndim == 0:
@@ -227,7 +334,7 @@ def check_parameters(name, values, shape=None):
     return np.array(values)
 
 
-def check_p_min(p_min, A):
+def check_p_min(p_min: Any, A: int) -> float:
     """p_min as a float; ValueError unless all A actions can have it."""
     if not is_number(p_min) or not 0 <= p_min < 1 / A:
         raise ValueError(f"p_min: got {show(p_min)}, must be in [0, 1 / {A})")
@@ -235,7 +342,7 @@ def check_p_min(p_min, A):
 
 
 @takes_none
-def linear(name, x, given):
+def linear(name: str, x: Any, given: Given) -> tuple[Floats, Flags]:
     """The rule of features (S, d), one a state where None, and with them of theta (A, d): (features, legal)."""
     legal = given["mdp"].legal if "mdp" in given else spaces(given["world"])[0]
     x = check_features(name, x, len(legal))
@@ -278,7 +385,7 @@ LINEAR = dict(  # the rules of a policy that is a softmax of theta . x(s), and o
 )
 
 
-def gradient(given, theta, w, returns, lengths, history):
+def gradient(given: Given, theta: Floats, w: Floats, returns: Floats, lengths: Ints, history: Floats) -> Run:
     """The Run of a loop that learned theta, and w where there is a v_hat."""
     if not (np.isfinite(theta).all() and np.isfinite(w).all()):
         steps = ", ".join(f"{name} {given[name].first}" for name in ("alpha", "alpha_w"))

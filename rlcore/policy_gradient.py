@@ -1,5 +1,9 @@
 """The exact policy gradient, and its estimates from episodes (chapter 7)."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 from rlcore.bellman import expected_visits, q_from_v, solve_policy
@@ -8,8 +12,9 @@ from rlcore.core.compiled import compiled
 from rlcore.core.learner import learner
 from rlcore.core.rules import anything, array, checked, takes_none
 from rlcore.core.samples import check_labels
+from rlcore.core.types import ArrayLike, Flags, Floats, Ints, Rng, World
 from rlcore.core.worlds import act, reset
-from rlcore.mdp import discounted_returns
+from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.policies import (
     add_score,
     check_features,
@@ -25,10 +30,28 @@ from rlcore.policies import (
 
 
 @checked(theta=anything, features=linear)
-def objective(mdp, theta, gamma, *, features=None):
-    """J(theta), the expected discounted return from the start distribution. eq-rf-39 corrected
+def objective(mdp: FiniteMDP, theta: ArrayLike, gamma: float, *, features: ArrayLike | None = None) -> float:
+    """J(theta), the expected discounted return from the start distribution.
 
-    theta: (A, d). features: (S, d), one a state where None.
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    theta : ArrayLike
+        (A, d).
+    gamma : float
+        Discount, in [0, 1].
+    features : ArrayLike | None
+        (S, d), one a state where None.
+
+    Returns
+    -------
+    float
+        J.
+
+    Notes
+    -----
+    Ledger: eq-rf-39 corrected.
     """
     X, legal = features
     return float(mdp.start @ solve_policy(mdp, softmax_policy(theta, X, legal), gamma))
@@ -38,13 +61,47 @@ def objective(mdp, theta, gamma, *, features=None):
     theta=anything,
     features=linear,
 )
-def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
-    """Gradient of J with respect to theta, (A, d). eq-u-pg-theorem, alg-policy-gradient-exact, fig-50
+def policy_gradient_exact(
+    mdp: FiniteMDP, theta: ArrayLike, gamma: float, *, features: ArrayLike | None = None, V: ArrayLike | None = None
+) -> Floats:
+    """The exact gradient of J with respect to theta.
 
     Two linear solves: q_pi, and the expected discounted number of visits to each state, which weights it; there is no
     constant of proportion left.
-    V: (S,) values instead of v_pi: what one-step actor-critic follows on average while its critic holds V.
-    Source: Sutton et al. (2000), theorem 1.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    theta : ArrayLike
+        (A, d).
+    gamma : float
+        Discount, in [0, 1].
+    features : ArrayLike | None
+        (S, d); one feature a state where None.
+    V : ArrayLike | None
+        (S,) values instead of v_pi: what one-step actor-critic follows on average while its critic holds V.
+
+    Returns
+    -------
+    Floats
+        (A, d).
+
+    Notes
+    -----
+    Ledger: eq-u-pg-theorem, alg-policy-gradient-exact, fig-50.
+
+    References
+    ----------
+    Sutton et al. (2000), theorem 1.
+
+    Examples
+    --------
+    >>> from rlcore import policy_gradient_exact
+    >>> from rlcore.envs.small import short_corridor
+    >>> policy_gradient_exact(short_corridor(), [[0.0], [0.0]], 1.0, features=[[1.0]] * 4).round(3)
+    array([[-2.],
+           [ 2.]])
     """
     X, legal = features
     pi = softmax_policy(theta, X, legal)
@@ -55,8 +112,44 @@ def policy_gradient_exact(mdp, theta, gamma, *, features=None, V=None):
 
 
 @checked(theta=anything, alpha=check_positive, features=linear)
-def gradient_ascent(mdp, theta, gamma, n_steps, *, alpha, features=None):
-    """theta_0 ... theta_n of ascent along the exact gradient, (n_steps + 1, A, d). eq-u-pg-update, fig-49"""
+def gradient_ascent(
+    mdp: FiniteMDP, theta: ArrayLike, gamma: float, n_steps: int, *, alpha: float, features: ArrayLike | None = None
+) -> Floats:
+    """The parameters theta_0 ... theta_n of ascent along the exact gradient.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    theta : ArrayLike
+        (A, d), where it starts.
+    gamma : float
+        Discount, in [0, 1].
+    n_steps : int
+        Number of steps.
+    alpha : float
+        Step size, above 0.
+    features : ArrayLike | None
+        (S, d); one feature a state where None.
+
+    Returns
+    -------
+    Floats
+        (n_steps + 1, A, d).
+
+    Notes
+    -----
+    Ledger: eq-u-pg-update, fig-49.
+
+    Examples
+    --------
+    >>> from rlcore import gradient_ascent
+    >>> from rlcore.envs.small import short_corridor
+    >>> gradient_ascent(short_corridor(), [[0.0], [0.0]], 1.0, 2, alpha=0.01, features=[[1.0]] * 4)[:, :, 0].round(3)
+    array([[ 0.   ,  0.   ],
+           [-0.02 ,  0.02 ],
+           [-0.038,  0.038]])
+    """
     history, (X, _) = [theta], features
     for _ in range(n_steps):
         history.append(history[-1] + alpha * policy_gradient_exact(mdp, history[-1], gamma, features=X))
@@ -90,11 +183,46 @@ def _of_states(name, b, given):
     theta=lambda name, theta, given: check_parameters(name, theta), states=anything, actions=anything,
     rewards=array("T"), features=_features, baseline=_of_states,
 )  # fmt: skip
-def episode_gradient(theta, states, actions, rewards, gamma, *, features=None, baseline=0.0, discount_states=False):
-    """g of figure 52 from one finished episode, (A, d): lines 4 to 9. alg-reinforce, fig-52, eq-u-reinforce
+def episode_gradient(
+    theta: ArrayLike, states: ArrayLike, actions: ArrayLike, rewards: ArrayLike, gamma: float, *,
+    features: ArrayLike | None = None, baseline: ArrayLike = 0.0, discount_states: bool = False,
+) -> Floats:  # fmt: skip
+    """The gradient of figure 52 from one finished episode: lines 4 to 9.
 
-    states: (T,) or (T + 1,); actions, rewards: (T,), rewards[t] is R_{t+1}. baseline: b(s), a number or (S,).
-    discount_states: the factor gamma^t of the theorem, which the document's box leaves out; so does the default.
+    Parameters
+    ----------
+    theta : ArrayLike
+        (A, d).
+    states : ArrayLike
+        (T,) or (T + 1,).
+    actions : ArrayLike
+        (T,).
+    rewards : ArrayLike
+        (T,); rewards[t] is R_{t+1}.
+    gamma : float
+        Discount, in [0, 1].
+    features : ArrayLike | None
+        (S, d); one feature a state where None.
+    baseline : ArrayLike
+        b(s), a number or (S,).
+    discount_states : bool
+        With the factor gamma^t of the theorem, which the document's box leaves out; so does the default.
+
+    Returns
+    -------
+    Floats
+        (A, d).
+
+    Notes
+    -----
+    Ledger: alg-reinforce, fig-52, eq-u-reinforce.
+
+    Examples
+    --------
+    >>> from rlcore import episode_gradient
+    >>> episode_gradient([[0.0], [0.0]], [0, 0], [1, 1], [-1.0, -1.0], 1.0, features=[[1.0]])
+    array([[ 1.5],
+           [-1.5]])
     """
     G, g = discounted_returns(rewards, gamma), np.zeros_like(theta)  # eq-u-alg2-return
     for t, (s, a) in enumerate(zip(states, actions)):
@@ -105,7 +233,9 @@ def episode_gradient(theta, states, actions, rewards, gamma, *, features=None, b
 
 
 @compiled
-def softmax_episode(world, theta, X, legal, p_min, max_steps, rng):
+def softmax_episode(
+    world: Any, theta: Floats, X: Floats, legal: Flags, p_min: float, max_steps: int, rng: Rng
+) -> tuple[Ints, Ints, Floats, bool]:
     """One episode of the softmax policy: states (T + 1,), actions (T,), rewards (T,), whether the last is terminal."""
     pi = np.zeros(len(theta))
     states, actions, rewards = np.empty(257, np.int64), np.empty(256, np.int64), np.empty(256)
@@ -146,14 +276,54 @@ def _any_baseline(name, b, given):
     theta=anything, features=linear, baseline=_any_baseline, acting=_acting, corrected=_corrected,
 )  # fmt: skip
 def gradient_estimates(
-    world, theta, gamma, n_episodes, *, features=None, baseline=0.0, discount_states=False, acting=None,
-    corrected=True, max_steps=None, rng,
-):  # fmt: skip
-    """g of figure 52 for each of n_episodes episodes under one theta, (n_episodes, A, d). fig-54, eq-u-reinforce
+    world: World, theta: ArrayLike, gamma: float, n_episodes: int, *, features: ArrayLike | None = None,
+    baseline: ArrayLike = 0.0, discount_states: bool = False, acting: ArrayLike | None = None, corrected: bool = True,
+    max_steps: int | None = None, rng: Rng,
+) -> Floats:  # fmt: skip
+    """The gradient of figure 52 for each of n_episodes episodes under one theta.
 
-    baseline: a number, (S,), or (S, A) for one that depends on the action and is therefore wrong. acting: (A, d)
-    parameters of the policy that acts, where it is not theta's; corrected: weight each episode with the ratio of its
-    probabilities under the two. cl-106, cl-110
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium environment with numbered states and actions, or its id.
+    theta : ArrayLike
+        (A, d).
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    features : ArrayLike | None
+        (S, d); one feature a state where None.
+    baseline : ArrayLike
+        A number, (S,), or (S, A) for one that depends on the action and is therefore wrong.
+    discount_states : bool
+        With the gamma^t of the theorem.
+    acting : ArrayLike | None
+        (A, d), parameters of the policy that acts, where it is not theta's.
+    corrected : bool
+        Weight each episode with the ratio of its probabilities under the two.
+    max_steps : int | None
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Floats
+        (n_episodes, A, d).
+
+    Notes
+    -----
+    Ledger: fig-54, eq-u-reinforce, cl-106, cl-110.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import gradient_estimates
+    >>> from rlcore.envs.small import short_corridor
+    >>> rng = np.random.default_rng(0)
+    >>> gradient_estimates(short_corridor(), [[0.0], [0.0]], 1.0, 5, features=[[1.0]] * 4, rng=rng).shape
+    (5, 2, 1)
     """
     X, legal = features
     gradients, pi, mu = np.zeros((n_episodes,) + theta.shape), np.zeros(len(theta)), np.zeros(len(theta))

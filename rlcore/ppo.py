@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.core.agents import ActorCritic, Gradient, Policy, make_agent
 from rlcore.core.checks import check_flag, check_nonnegative, check_positive
@@ -32,7 +31,7 @@ from rlcore.core.results import Run
 from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
 from rlcore.core.rules import anything, array, checked, choice, instance, rules
 from rlcore.core.samples import finite_numbers
-from rlcore.core.types import Array, Floats, Network, OnEpisode, Rng
+from rlcore.core.types import Array, ArrayLike, Floats, Network, OnEpisode, Rng
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 from rlcore.trust_region import adapt_beta
@@ -51,12 +50,62 @@ FIELDS = ("steps", "kl", "largest_ratio", "outside", "entropy", "value_loss", "b
 )
 @dataclass(frozen=True)
 class PPOConfig(Settings):
-    """Settings of `ppo`; the defaults are those of the paper's continuous tasks. fig-61
+    """Settings of `ppo`; the defaults are those of the paper's continuous tasks.
 
-    objective: "clip" (49), "none" (48), "kl_fixed" (46) or "kl_adaptive". clip: epsilon. beta: coefficient of the KL
-    penalty, the first one where it adapts. d_target: the KL that it adapts to. c1, c2: weights of the value loss and of
-    the entropy in (50). shared: policy and value are outputs of one network. anneal: lr falls to 0 over n_steps. The
-    others are those of `Settings`. Source: Schulman et al. (2017), tables 1 and 3.
+    Parameters
+    ----------
+    gamma : float
+        Discount, in [0, 1].
+    lam : float
+        In [0, 1].
+    horizon : int
+        Steps of each environment in a rollout.
+    n_envs : int
+        Environments that run side by side.
+    epochs : int
+        Passes over each rollout.
+    minibatch : int
+        Samples in a step.
+    lr : float
+        Learning rate of Adam.
+    hidden : tuple
+        Tanh neurons of each layer.
+    normalise_advantages : bool
+        Centre and scale the advantages of a rollout.
+    normalise_observations : bool
+        Centre and scale observations by running statistics.
+    clip_actions : bool
+        Continuous actions are cut to the action space before the environment sees them, not in log pi.
+    objective : str
+        "clip" (49), "none" (48), "kl_fixed" (46) or "kl_adaptive".
+    clip : float
+        The epsilon of the clipped ratio.
+    beta : float
+        Coefficient of the KL penalty, the first one where it adapts.
+    d_target : float
+        The KL that it adapts to.
+    c1 : float
+        Weight of the value loss in (50).
+    c2 : float
+        Weight of the entropy in (50).
+    shared : bool
+        Policy and value are outputs of one network.
+    anneal : bool
+        lr falls to 0 over n_steps.
+
+    Notes
+    -----
+    Ledger: fig-61.
+
+    References
+    ----------
+    Schulman et al. (2017), tables 1 and 3.
+
+    Examples
+    --------
+    >>> from rlcore.ppo import PPOConfig
+    >>> PPOConfig(objective="kl_adaptive").d_target
+    0.01
     """
 
     objective: str = "clip"
@@ -85,18 +134,46 @@ OF_RATIO = dict(ratio=_samples, advantage=_beside_ratio)
 
 @checked(**OF_RATIO)
 def surrogate_gradient(ratio: ArrayLike, advantage: ArrayLike) -> Floats:
-    """Derivative of the surrogate with respect to log pi(a|s), per sample. eq-ppo-44, eq-ppo-48
+    """Derivative of the surrogate with respect to log pi(a|s), per sample.
 
-    ratio, advantage: (B,). Returns (B,). At ratio 1 it is that of L^PG, which gives eq-ppo-41.
+    At ratio 1 it is that of L^PG.
+
+    Parameters
+    ----------
+    ratio, advantage : ArrayLike
+        (B,).
+
+    Returns
+    -------
+    Floats
+        (B,).
+
+    Notes
+    -----
+    Ledger: eq-ppo-44, eq-ppo-48, eq-ppo-41.
     """
     return ratio * advantage / ratio.size  # eq-ppo-48
 
 
 @checked(**OF_RATIO, clip=check_positive)
 def clip_gradient(ratio: ArrayLike, advantage: ArrayLike, clip: float) -> Floats:
-    """Derivative of the clipped surrogate with respect to log pi(a|s), per sample. eq-ppo-49, fig-59, fig-60
+    """Derivative of the clipped surrogate with respect to log pi(a|s), per sample.
 
-    ratio, advantage: (B,). clip: epsilon > 0. Returns (B,): 0 where the objective is flat.
+    Parameters
+    ----------
+    ratio, advantage : ArrayLike
+        (B,).
+    clip : float
+        The epsilon of the clipped ratio, above 0.
+
+    Returns
+    -------
+    Floats
+        (B,): 0 where the objective is flat.
+
+    Notes
+    -----
+    Ledger: eq-ppo-49, fig-59, fig-60.
     """
     flat = ((ratio > 1 + clip) & (advantage > 0)) | ((ratio < 1 - clip) & (advantage < 0))
     return np.where(flat, 0.0, surrogate_gradient.unchecked(ratio, advantage))  # eq-ppo-49
@@ -140,10 +217,31 @@ def objective_gradient(
     policy: Policy, old: Policy | None, actions: ArrayLike, old_log_prob: ArrayLike, advantage: ArrayLike,
     config: PPOConfig, beta: float | None = None,
 ) -> tuple[Gradient, Floats]:  # fmt: skip
-    """Derivative of the policy's part of (50) with respect to its outputs, and the ratios (B,). eq-ppo-46, eq-ppo-50
+    """Derivative of the policy's part of (50) with respect to its outputs, and the ratios (B,).
 
-    policy, old: Categorical or Gaussian, new and old, of the B states. old_log_prob, advantage: (B,). beta: coefficient
-    of the penalty, config.beta where None. Returns (B, A), or a pair of them for a Gaussian, and (B,).
+    Parameters
+    ----------
+    policy : Policy
+        The new policy of the B states.
+    old : Policy | None
+        The old one of the same states; None where the objective needs none.
+    actions : ArrayLike
+        Of the B samples.
+    old_log_prob, advantage : ArrayLike
+        (B,).
+    config : PPOConfig
+        Says which objective.
+    beta : float | None
+        Coefficient of the penalty, config.beta where None.
+
+    Returns
+    -------
+    tuple[Gradient, Floats]
+        (B, A), or a pair of them for a Gaussian, and (B,).
+
+    Notes
+    -----
+    Ledger: eq-ppo-46, eq-ppo-50.
     """
     log_ratio = policy.log_prob(actions) - old_log_prob
     ratio = np.exp(np.minimum(log_ratio, MAX_LOG_RATIO))  # eq-ppo-47
@@ -173,16 +271,48 @@ def ppo(
     world: Any, *, rng: Rng, n_steps: int, config: PPOConfig | None = None, net: Network | None = None,
     critic: Network | None = None, on_episode: OnEpisode | None = None,
 ) -> Run:  # fmt: skip
-    """Rollouts of T steps in N environments, each followed by K epochs of minibatch ascent on (50). om-ppo-box
+    """Rollouts of T steps in N environments, each followed by K epochs of minibatch ascent on (50).
 
-    world: id or gymnasium environment with Box observations (n,), and actions that are Discrete or a Box (m,). n_steps:
-    the run ends with the rollout that reaches them. config: PPOConfig; its defaults where None. net, critic: MLP or
-    TorchNet with an optimizer, instead of new MLPs with Adam(config.lr); with config.shared net has one output more,
-    the value. on_episode(return, steps_so_far): called for each episode that ended, after its rollout; True ends the
-    training.
-    Returns a Run: policy an `ActorCritic`, V its values(observations), history a record a rollout: steps so far, kl
-    (mean KL(old, new)), largest_ratio and the part outside 1 +- clip of all minibatches, entropy, value_loss, beta, lr.
-    alg-ppo-full, alg-ppo-clip, alg-kl-penalty, alg-kl-adaptive. Source: Schulman et al. (2017), algorithm 1.
+    Parameters
+    ----------
+    world : Any
+        Id or gymnasium environment with Box observations (n,), and actions that are Discrete or a Box (m,).
+    rng : Rng
+        Source of all that is random.
+    n_steps : int
+        The run ends with the rollout that reaches them.
+    config : PPOConfig | None
+        PPOConfig; its defaults where None.
+    net : Network | None
+        MLP or TorchNet with an optimizer, instead of a new MLP with Adam(config.lr); with config.shared it has one
+        output more, the value.
+    critic : Network | None
+        Like net, from observations to one value.
+    on_episode : OnEpisode | None
+        Called as on_episode(return, steps so far) for each episode that ended, after its rollout; True ends the
+        training.
+
+    Returns
+    -------
+    Run
+        policy an `ActorCritic`, V its values(observations), history a record a rollout: steps so far, kl (mean KL(old,
+        new)), largest_ratio and the part outside 1 +- clip of all minibatches, entropy, value_loss, beta, lr.
+
+    Notes
+    -----
+    Ledger: om-ppo-box, alg-ppo-full, alg-ppo-clip, alg-kl-penalty, alg-kl-adaptive.
+
+    References
+    ----------
+    Schulman et al. (2017), algorithm 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore.ppo import PPOConfig, ppo
+    >>> config = PPOConfig(horizon=128, epochs=2, hidden=(16,))
+    >>> ppo("CartPole-v1", n_steps=256, config=config, rng=np.random.default_rng(0)).history.steps
+    array([126., 248., 371.])
     """
     env = vector_env(world, config.n_envs)
     agent = make_agent(env, config, net, critic, rng, shared=config.shared)

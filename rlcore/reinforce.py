@@ -1,6 +1,9 @@
 """REINFORCE, with and without baseline, for a policy that is linear in features and for a network (chapter 7)."""
 
+from __future__ import annotations
+
 from collections import namedtuple
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +12,7 @@ from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.rules import checked, takes_none
 from rlcore.core.schedules import at
+from rlcore.core.types import ArrayLike, Floats, Given, Network, OnEpisode, Rate, Rng, Rule, World
 from rlcore.core.worlds import MOST_STEPS, open_world, total
 from rlcore.distributions import Categorical
 from rlcore.mdp import discounted_returns
@@ -50,21 +54,73 @@ def _w0(name, value, given):
 
 @learner(gradient, **LINEAR | dict(baseline=_learned_or_number, w0=_w0))
 def reinforce(
-    world, gamma, n_episodes, *, alpha=0.01, baseline=None, alpha_w=0.01, features=None, theta0=0.0, w0=0.0,
-    every_step=False, discount_states=False, p_min=0.0, max_steps=None, record=0, rng,
-):  # fmt: skip
-    """Gradient ascent on J with the returns of whole episodes. alg-reinforce, alg-reinforce-baseline, fig-52, om-score
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate = 0.01, baseline: str | None = None,
+    alpha_w: Rate = 0.01, features: ArrayLike | None = None, theta0: ArrayLike = 0.0, w0: ArrayLike = 0.0,
+    every_step: bool = False, discount_states: bool = False, p_min: float = 0.0, max_steps: int | None = None,
+    record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """Gradient ascent on J with the returns of whole episodes.
 
-    The policy is a softmax in theta . x(s), see `softmax_policy`. world: FiniteMDP, gymnasium.Env with Discrete spaces
-    or its id. alpha: step size, or decaying(...) with the episodes. baseline: None; a number; or "value", a v_hat
-    learned from the returns with step size alpha_w (om-baseline-update). features: x, (S, d), of policy and v_hat; one
-    a state where None. theta0: a number or (A, d). w0: a number or (d,). every_step: theta moves after each step of the
-    finished episode instead of once. discount_states: with the gamma^t of the theorem. p_min: floor of the
-    probabilities; without it large step sizes end in a policy that is all but deterministic, whose episodes may never
-    end. max_steps: an episode that long is cut; its returns, like those of a truncated one, go on with v_hat of the
-    state it was left in, and end there where no v_hat is learned. record: history keeps theta before the first and
-    after each record-th episode. Returns a Run: weights is theta, V (S,) v_hat where it is learned.
-    Source: Williams (1992); Sutton and Barto (2018), sections 13.3 and 13.4.
+    The policy is a softmax in theta . x(s), see `softmax_policy`.
+
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium.Env with Discrete spaces or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : Rate
+        Step size, or decaying(...) with the episodes.
+    baseline : str | None
+        None; a number; or "value", a v_hat learned from the returns with step size alpha_w.
+    alpha_w : Rate
+        Step size of v_hat.
+    features : ArrayLike | None
+        x, (S, d), of policy and v_hat; one a state where None.
+    theta0 : ArrayLike
+        A number or (A, d).
+    w0 : ArrayLike
+        A number or (d,).
+    every_step : bool
+        theta moves after each step of the finished episode instead of once.
+    discount_states : bool
+        With the gamma^t of the theorem.
+    p_min : float
+        Floor of the probabilities; without it large step sizes end in a policy that is all but deterministic, whose
+        episodes may never end.
+    max_steps : int | None
+        An episode that long is cut, a million steps where None; its returns, like those of a truncated one, go on with v_hat of the state it was
+        left in, and end there where no v_hat is learned.
+    record : int
+        history keeps theta before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        weights is theta; V is v_hat where it is learned.
+
+    Notes
+    -----
+    Ledger: alg-reinforce, alg-reinforce-baseline, fig-52, om-score, om-baseline-update.
+
+    References
+    ----------
+    Williams (1992); Sutton and Barto (2018), sections 13.3 and 13.4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore.envs.small import short_corridor
+    >>> from rlcore.reinforce import reinforce
+    >>> rng = np.random.default_rng(0)
+    >>> reinforce(short_corridor(), 1.0, 200, alpha=0.01, features=[[1.0]] * 4, max_steps=200, rng=rng).weights.shape
+    (2, 1)
     """
     theta, w, (b, learned), (X, legal) = theta0, w0, baseline, features
     returns, lengths, history = log(theta, n_episodes, record)
@@ -99,7 +155,7 @@ def reinforce(
 # ---------------------------------------------------------------------- a network
 
 
-def network_world(name, world, given):
+def network_world(name: str, world: Any, given: Given) -> Any:
     """The rule of an environment with Box observations (n,) and Discrete actions, or its id."""
     world = open_world(name, world)
     observations, actions = getattr(world, "observation_space", None), getattr(world, "action_space", None)
@@ -112,7 +168,7 @@ def network_world(name, world, given):
     return world
 
 
-def sizes(world):
+def sizes(world: Any) -> tuple[int, int]:
     """Length of an observation, and number of actions."""
     return world.observation_space.shape[0], int(world.action_space.n)
 
@@ -123,16 +179,20 @@ def _critic(name, critic, given):
     return check_network(name, critic, sizes(given["world"])[0], 1)
 
 
-NETWORKS = dict(  # the rules of net, which maps observations to logits, and of critic, which maps them to a value
-    world=network_world,
-    alpha=check_positive,
-    alpha_w=check_positive,
-    net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
-    critic=_critic,
+NETWORKS: dict[str, Rule] = (
+    dict(  # the rules of net, which maps observations to logits, and of critic, which maps them to a value
+        world=network_world,
+        alpha=check_positive,
+        alpha_w=check_positive,
+        net=lambda name, net, given: check_network(name, net, *sizes(given["world"])),
+        critic=_critic,
+    )
 )
 
 
-def make_networks(world, net, critic, alpha, alpha_w, rng):
+def make_networks(
+    world: Any, net: Network | None, critic: Network | bool | None, alpha: float, alpha_w: float, rng: Rng
+) -> tuple[Network, Network | None]:
     """net and critic; where None, an MLP with 32 tanh neurons and Adam. critic = False: none is wanted."""
     n, A = sizes(world)
     net = MLP([n, 32, A], optimizer=Adam(alpha), rng=rng) if net is None else net
@@ -143,16 +203,56 @@ def make_networks(world, net, critic, alpha, alpha_w, rng):
 
 @checked(**NETWORKS, baseline=_baseline("value", "time", "normalised"))
 def reinforce_network(
-    world, gamma, n_episodes, *, alpha=0.01, baseline=None, alpha_w=0.01, net=None, critic=None, discount_states=False,
-    max_steps=None, on_episode=None, rng,
-):  # fmt: skip
-    """REINFORCE for a policy that is a network: states are vectors, actions discrete. alg-reinforce, fig-56
+    world: World, gamma: float, n_episodes: int, *, alpha: float = 0.01, baseline: str | None = None,
+    alpha_w: float = 0.01, net: Network | None = None, critic: Network | None = None, discount_states: bool = False,
+    max_steps: int | None = None, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """REINFORCE for a policy that is a network: states are vectors, actions discrete.
 
-    world: gymnasium.Env with Box observations of shape (n,), or its id. net: maps them to the logits of the actions;
-    MLP or TorchNet with an optimizer, where None an MLP with 32 tanh neurons and Adam(alpha). baseline: None; a number;
-    "value", the critic's v_hat, as net is, with Adam(alpha_w); "time", the mean of the earlier episodes' G_t; or
-    "normalised", which centres and scales the episode's own returns. Others: as in `reinforce`; step sizes are numbers.
-    on_episode(return, steps_so_far): called after each; True ends the training. Run.policy is net, Run.V critic.
+    Parameters
+    ----------
+    world : World
+        gymnasium.Env with Box observations of shape (n,), or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : float
+        Step size of the policy.
+    baseline : str | None
+        None; a number; "value", the critic's v_hat; "time", the mean of the earlier episodes' G_t; or "normalised",
+        which centres and scales the episode's own returns.
+    alpha_w : float
+        Step size of v_hat.
+    net : Network | None
+        Maps observations to the logits of the actions; MLP or TorchNet with an optimizer, where None an MLP with 32
+        tanh neurons and Adam(alpha).
+    critic : Network | None
+        As net is, with one output and Adam(alpha_w).
+    discount_states : bool
+        With the gamma^t of the theorem.
+    max_steps : int | None
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
+    on_episode : OnEpisode | None
+        Called as on_episode(return, steps so far) after each; True ends the training.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        policy is net, V the critic.
+
+    Notes
+    -----
+    Ledger: alg-reinforce, fig-56.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import reinforce_network
+    >>> reinforce_network("CartPole-v1", 0.99, 3, rng=np.random.default_rng(0)).returns.shape
+    (3,)
     """
     net, critic = make_networks(world, net, critic if baseline == "value" else False, alpha, alpha_w, rng)
     returns, lengths, earlier = [], [], TimeBaseline()
@@ -189,10 +289,10 @@ def reinforce_network(
 class TimeBaseline:
     """b(t): mean of G_t over the earlier episodes that were that long; 0 where there was none. fig-56"""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.total, self.count = np.zeros(0), np.zeros(0)
 
-    def __call__(self, G):
+    def __call__(self, G: Floats) -> Floats:
         """b(0) ... b(T-1), before G (T,) is counted in."""
         more = max(0, G.size - self.total.size)
         self.total, self.count = np.pad(self.total, (0, more)), np.pad(self.count, (0, more))

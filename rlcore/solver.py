@@ -32,13 +32,48 @@ MOST = 100_000  # backups a state at gamma = 1, where nothing contracts
 
 @checked
 def solve(mdp: FiniteMDP, gamma: float, tol: float = 1e-6) -> Solution:
-    """Optimal values and policy with a certified error: max |V - v_*| <= bound. eq-16, alg-value-iteration
+    """Optimal values and policy with a certified error: max |V - v_*| <= bound.
 
-    tol: the bound that is wanted, positive; where doubles cannot give it, converged is False and bound says what was
-    reached. gamma = 1: a bound needs a cost on every step (see bellman.error_bound); without one, bound is inf and
-    converged False. Returns a Solution; n_iter counts sweeps, history is None, for none is kept.
-    Raises ValueError for gamma outside [0, 1], for tol that is not positive, and at gamma = 1 where a state cannot
-    reach a terminal one or values grow without end. Source: Puterman (1994), theorems 6.6.3 and 6.6.6.
+    gamma = 1: a bound needs a cost on every step (see `error_bound`); without one, bound is inf and converged False.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    gamma : float
+        Discount, in [0, 1].
+    tol : float
+        The bound that is wanted, positive; where doubles cannot give it, converged is False and bound says what was
+        reached.
+
+    Returns
+    -------
+    Solution
+        n_iter counts sweeps; history is None, for none is kept.
+
+    Raises
+    ------
+    ValueError
+        At gamma = 1 where a state cannot reach a terminal one, or values grow without end.
+
+    Notes
+    -----
+    Ledger: eq-16, alg-value-iteration.
+
+    References
+    ----------
+    Puterman (1994), theorems 6.6.3 and 6.6.6.
+
+    Examples
+    --------
+    >>> from rlcore import solve
+    >>> from rlcore.envs.grids import gridworld
+    >>> found = solve(gridworld(), 0.9, tol=1e-9)
+    >>> found.converged, found.V.round(2).reshape(4, 4)
+    (True, array([[ 0.  , -1.  , -1.9 , -2.71],
+           [-1.  , -1.9 , -2.71, -1.9 ],
+           [-1.9 , -2.71, -1.9 , -1.  ],
+           [-2.71, -1.9 , -1.  ,  0.  ]]))
     """
     if gamma == 1:
         V, bound, n_iter = _undiscounted(mdp, tol)

@@ -1,5 +1,7 @@
 """Many runs, settings x seeds, on this machine or on a cluster; a sweep that was stopped goes on where it was."""
 
+from __future__ import annotations
+
 import hashlib
 import inspect
 import json
@@ -12,16 +14,19 @@ import threading
 import time
 import traceback
 import warnings
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, as_completed, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rlcore.core.checks import check_count, check_flag, show
 from rlcore.core.rules import checked, instance
+from rlcore.core.types import File
 
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 PACKAGES = ("numpy", "numba", "gymnasium", "torch")
@@ -110,18 +115,43 @@ EXECUTOR = instance(Executor, "a concurrent.futures.Executor; Dask's: get_execut
 
 
 @checked(function=_function, settings=_settings, seeds=_seeds, store=_store, executor=EXECUTOR, progress=check_flag)
-def sweep(function, settings, seeds, store, executor=None, *, progress=None):
-    """[Record], one for each setting and each seed (seeds vary faster), of function(**setting, rng=default_rng(seed)).
+def sweep(
+    function: Callable[..., Any], settings: Sequence[dict[str, Any]], seeds: Iterable[int], store: File,
+    executor: Executor | None = None, *, progress: bool | None = None,
+) -> list[Record]:  # fmt: skip
+    """Many runs: function(**setting, rng=default_rng(seed)) for each setting and each seed, on many processes.
 
-    function: at the top level of a module, or of a script with `if __name__ == "__main__":`, so that workers can
-    import it. The rng depends on the seed alone: every setting meets the same randomness, and a run can be repeated by
-    hand. settings: list of dicts of keyword arguments. Settings and results are JSON data; NumPy's numbers and arrays
-    become Python's, tuples lists. seeds: whole numbers, at least 0. store: folder, one file for each run that has
-    ended. Those runs are not repeated, unless they failed. The store knows functions by name: after a change of code
-    take a new one; and one sweep at a time. executor: any concurrent.futures.Executor, such as Dask's
-    `client.get_executor()`; by default a process of one thread for each core. progress: a line on stderr; by default
-    where that is a terminal. A run that fails leaves its traceback, and the others go on. Warns of failed runs, and of
-    files in the store that are not whole records: they do not count. Raises ValueError for bad input, before any run.
+    A run that fails leaves its traceback, and the others go on. Warns of failed runs, and of files in the store that
+    are not whole records: they do not count.
+
+    Parameters
+    ----------
+    function : Callable[..., Any]
+        At the top level of a module, or of a script with `if __name__ == "__main__":`, so that workers can import it.
+        The rng depends on the seed alone: every setting meets the same randomness, and a run can be repeated by hand.
+    settings : Sequence[dict[str, Any]]
+        List of dicts of keyword arguments. Settings and results are JSON data; NumPy's numbers and arrays become
+        Python's, tuples lists.
+    seeds : Iterable[int]
+        Whole numbers, at least 0.
+    store : File
+        Folder, one file for each run that has ended. Those runs are not repeated, unless they failed. The store knows
+        functions by name: after a change of code take a new one; and one sweep at a time.
+    executor : Executor | None
+        Any concurrent.futures.Executor, such as Dask's `client.get_executor()`; by default a process of one thread for
+        each core.
+    progress : bool | None
+        A line on stderr; by default where that is a terminal.
+
+    Returns
+    -------
+    list[Record]
+        One for each setting and each seed; seeds vary faster.
+
+    Raises
+    ------
+    ValueError
+        For bad input, before any run.
     """
     name, store = function.__qualname__, _made(store)
     runs = {_file_name(name, setting, seed): (setting, seed) for setting in settings for seed in seeds}

@@ -1,6 +1,9 @@
 """Temporal-difference learning of values and of behaviour, one step at a time (chapter 4)."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -8,9 +11,11 @@ from rlcore.bellman import v_from_q
 from rlcore.core.checks import as_flags, check_pi, spaces
 from rlcore.core.compiled import inlined
 from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.results import Run
 from rlcore.core.rules import anything, checked, elementwise, takes_none
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at, check_schedule, constant, now
+from rlcore.core.types import ArrayLike, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.policies import control, epsilon_greedy, expected_value, max_value
 
@@ -22,26 +27,125 @@ TERMS = dict(
 
 @inlined
 @checked(**TERMS)
-def td_target(r, V_next, gamma, terminated=False):
-    """r + gamma V(s'), where an end counts 0; elementwise. eq-u-td-target corrected, eq-23"""
+def td_target(r: ArrayLike, V_next: ArrayLike, gamma: float, terminated: ArrayLike = False) -> Any:
+    """The target r + gamma V(s'), where an end counts 0; elementwise.
+
+    Parameters
+    ----------
+    r : ArrayLike
+        Reward, a number or an array.
+    V_next : ArrayLike
+        V(s'), like r.
+    gamma : float
+        Discount, in [0, 1].
+    terminated : ArrayLike
+        Whether s' is terminal, like r.
+
+    Returns
+    -------
+    Any
+        A number, or an array.
+
+    Notes
+    -----
+    Ledger: eq-u-td-target corrected, eq-23.
+
+    Examples
+    --------
+    >>> from rlcore import td_target
+    >>> td_target(1.0, 2.0, 0.5)
+    2.0
+    """
     return r + gamma * V_next * (1 - terminated)  # eq-u-td-target
 
 
 @inlined
 @checked(**TERMS)
-def td_error(r, V, V_next, gamma, terminated=False):
-    """delta = r + gamma V(s') - V(s), elementwise. om-td-error, eq-36"""
+def td_error(r: ArrayLike, V: ArrayLike, V_next: ArrayLike, gamma: float, terminated: ArrayLike = False) -> Any:
+    """The TD error delta = r + gamma V(s') - V(s), elementwise.
+
+    Parameters
+    ----------
+    r : ArrayLike
+        Reward, a number or an array.
+    V : ArrayLike
+        V(s), like r.
+    V_next : ArrayLike
+        V(s'), like r.
+    gamma : float
+        Discount, in [0, 1].
+    terminated : ArrayLike
+        Whether s' is terminal, like r.
+
+    Returns
+    -------
+    Any
+        A number, or an array.
+
+    Notes
+    -----
+    Ledger: om-td-error, eq-36.
+
+    Examples
+    --------
+    >>> from rlcore import td_error
+    >>> td_error(1.0, 1.5, 2.0, 0.5)
+    0.5
+    """
     return td_target(r, V_next, gamma, terminated) - V  # eq-36
 
 
 @learner(prediction)
-def td0(world, pi, gamma, n_episodes, *, alpha, V0=0.0, max_steps=None, record=0, rng):
-    """v_pi by tabular TD(0): each step moves V(s) towards r + gamma V(s'). alg-td0, eq-19 corrected
+def td0(
+    world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, alpha: Rate, V0: ArrayLike = 0.0,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """The values v_pi by tabular TD(0): each step moves V(s) towards r + gamma V(s').
 
-    world: FiniteMDP, gymnasium.Env or its id. alpha: step size in (0, 1], or decaying(...). V0: a number or (S,).
-    max_steps: an episode that long is cut, and its last step bootstraps like any other; None needs a policy that ends
-    every episode. record: history keeps V before the first and after each record-th episode; 0 keeps none.
-    Returns a Run. Source: Sutton (1988); Sutton and Barto (2018), section 6.1.
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium.Env or its id.
+    pi : ArrayLike
+        (S, A), the policy; rows sum to 1.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : Rate
+        Step size in (0, 1], or decaying(...).
+    V0 : ArrayLike
+        A number or (S,).
+    max_steps : int | None
+        An episode that long is cut, and its last step bootstraps like any other; None: a million steps, where pi ends
+        every episode.
+    record : int
+        history keeps V before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        V holds the estimate.
+
+    Notes
+    -----
+    Ledger: alg-td0, eq-19 corrected.
+
+    References
+    ----------
+    Sutton (1988); Sutton and Barto (2018), section 6.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import td0
+    >>> from rlcore.envs.small import random_walk
+    >>> td0(random_walk(3), np.ones((5, 1)), 1.0, 500, alpha=0.05, rng=np.random.default_rng(0)).V.round(2)
+    array([0.  , 0.25, 0.64, 0.83, 0.  ])
     """
     V, N = V0, np.zeros(V0.shape, np.int64)
     returns, lengths, history = log(V, n_episodes, record)
@@ -83,16 +187,60 @@ def _of_behaviour(given, Q, *more):
 
 
 @learner(_of_behaviour, epsilon=anything, pi=_behaviour)
-def sarsa(world, gamma, n_episodes, *, alpha, epsilon=None, pi=None, Q0=0.0, max_steps=None, record=0, rng):
-    """Q(s, a) moves towards r + gamma Q(s', a') of the action a' that is taken next. alg-sarsa, eq-20, cl-053
+def sarsa(
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate | None = None,
+    pi: ArrayLike | None = None, Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """SARSA: Q(s, a) moves towards r + gamma Q(s', a') of the action a' that is taken next.
 
-    world: FiniteMDP, gymnasium.Env or its id. alpha: step size in (0, 1], or decaying(...). epsilon: probability of a
-    random action, else a greedy one; or decaying(...). pi: (S, A) instead of epsilon: actions come from it, and Q
-    estimates q_pi. Q0: a number or (S, A). max_steps: an episode that long is cut; as in every truncated episode, its
-    last step bootstraps. record: history keeps Q before the first and after each record-th episode; 0 keeps none.
-    Returns a Run: Q (S, A), -inf where a is not in A(s), 0 in terminal states (Q0 where an environment does not tell
-    them); policy (S, A), epsilon-greedy in the last Q, or pi; V (S,), the maximum of Q over a, under pi the mean.
-    Source: Sutton and Barto (2018), section 6.4.
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium.Env or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : Rate
+        Step size in (0, 1], or decaying(...).
+    epsilon : Rate | None
+        Probability of a random action, else a greedy one; or decaying(...).
+    pi : ArrayLike | None
+        (S, A) instead of epsilon: actions come from it, and Q estimates q_pi.
+    Q0 : ArrayLike
+        A number or (S, A).
+    max_steps : int | None
+        An episode that long is cut, a million steps where None; as in every truncated one, its last step bootstraps.
+    record : int
+        history keeps Q before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        Q is 0 in terminal states (Q0 where an environment does not tell them), the policy epsilon-greedy in the last
+        Q, or pi; V is the maximum of Q over a, under pi the mean.
+
+    Notes
+    -----
+    Ledger: alg-sarsa, eq-20, cl-053.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 6.4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import sarsa
+    >>> from rlcore.envs.grids import gridworld
+    >>> rng = np.random.default_rng(0)
+    >>> run = sarsa(gridworld(3, 3, terminals=[0]), 1.0, 500, alpha=0.2, epsilon=0.1, rng=rng)
+    >>> run.Q.argmax(axis=1)[1:4]
+    array([3, 3, 0])
     """
     Q, N, t = Q0, np.zeros(Q0.shape, np.int64), 0
     returns, lengths, history = log(Q, n_episodes, record)
@@ -114,11 +262,59 @@ def sarsa(world, gamma, n_episodes, *, alpha, epsilon=None, pi=None, Q0=0.0, max
 
 
 @learner(control)
-def expected_sarsa(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_steps=None, record=0, rng):
-    """Q(s, a) moves towards r + gamma times the mean of Q(s', .) under the epsilon-greedy policy. alg-expected-sarsa
+def expected_sarsa(
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, Q0: ArrayLike = 0.0,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """Expected SARSA: Q(s, a) moves towards r + gamma times the mean of Q(s', .) under the epsilon-greedy policy.
 
-    Arguments and result as for `sarsa`. With epsilon = 0 it is Q-learning. Source: van Seijen et al. (2009); Sutton and
-    Barto (2018), section 6.6.
+    With epsilon = 0 it is Q-learning.
+
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium environment with numbered states and actions, or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : Rate
+        Step size in (0, 1], or decaying(...).
+    epsilon : Rate
+        Probability of a random action, else a greedy one; or decaying(...).
+    Q0 : ArrayLike
+        First estimate, a number or (S, A).
+    max_steps : int | None
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
+    record : int
+        history keeps the estimate before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        As `sarsa`.
+
+    Notes
+    -----
+    Ledger: alg-expected-sarsa.
+
+    References
+    ----------
+    van Seijen et al. (2009); Sutton and Barto (2018), section 6.6.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import expected_sarsa
+    >>> from rlcore.envs.grids import gridworld
+    >>> rng = np.random.default_rng(0)
+    >>> run = expected_sarsa(gridworld(3, 3, terminals=[0]), 1.0, 500, alpha=0.2, epsilon=0.1, rng=rng)
+    >>> run.Q.argmax(axis=1)[1:4]
+    array([3, 3, 0])
     """
     Q, N, t = Q0, np.zeros(Q0.shape, np.int64), 0
     returns, lengths, history = log(Q, n_episodes, record)
@@ -141,10 +337,57 @@ def expected_sarsa(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_step
 
 
 @learner(control)
-def q_learning(world, gamma, n_episodes, *, alpha, epsilon, Q0=0.0, max_steps=None, record=0, rng):
-    """Q(s, a) moves towards r + gamma max over a' of Q(s', a'), whatever is done next. alg-q-learning, eq-21, cl-056
+def q_learning(
+    world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, Q0: ArrayLike = 0.0,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
+    """Q-learning: Q(s, a) moves towards r + gamma max over a' of Q(s', a'), whatever is done next.
 
-    Arguments and result as for `sarsa`. Source: Watkins (1989); Sutton and Barto (2018), section 6.5.
+    Parameters
+    ----------
+    world : World
+        FiniteMDP, gymnasium environment with numbered states and actions, or its id.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Number of episodes.
+    alpha : Rate
+        Step size in (0, 1], or decaying(...).
+    epsilon : Rate
+        Probability of a random action, else a greedy one; or decaying(...).
+    Q0 : ArrayLike
+        First estimate, a number or (S, A).
+    max_steps : int | None
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
+    record : int
+        history keeps the estimate before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
+    rng : Rng
+        Source of all that is random.
+
+    Returns
+    -------
+    Run
+        As `sarsa`.
+
+    Notes
+    -----
+    Ledger: alg-q-learning, eq-21, cl-056.
+
+    References
+    ----------
+    Watkins (1989); Sutton and Barto (2018), section 6.5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import q_learning
+    >>> from rlcore.envs.grids import gridworld
+    >>> rng = np.random.default_rng(0)
+    >>> run = q_learning(gridworld(3, 3, terminals=[0]), 1.0, 500, alpha=0.2, epsilon=0.1, rng=rng)
+    >>> run.Q.argmax(axis=1)[1:4]
+    array([3, 3, 0])
     """
     Q, N, t = Q0, np.zeros(Q0.shape, np.int64), 0
     returns, lengths, history = log(Q, n_episodes, record)

@@ -1,12 +1,21 @@
 """A network of torch behind the interface of rlcore's own (chapters 6 to 8)."""
 
+from __future__ import annotations
+
 import copy
+from typing import TYPE_CHECKING
+
+from numpy.typing import DTypeLike
 
 from rlcore.core.extras import extra
 from rlcore.core.rules import check_dtype, checked
 from rlcore.core.samples import check_samples
+from rlcore.core.types import ArrayLike, Floats, Optimizer
 from rlcore.nn import MLP
 from rlcore.optimizers import Adam, take_step
+
+if TYPE_CHECKING:
+    import torch
 
 
 def _module(name, module, given):
@@ -23,13 +32,26 @@ def _module(name, module, given):
 class TorchNet:
     """Any torch module with the forward, backward, step and theta of `MLP`; autograd does the backward pass.
 
-    module: a torch.nn.Module from (d,) or (B, d) to outputs; its parameters become views of theta where it lives on the
-    CPU, and are read from theta before each forward pass where it does not. optimizer: as for `MLP`; lr: short for
-    Adam(lr).
+    Parameters
+    ----------
+    module : torch.nn.Module
+        A torch.nn.Module from (d,) or (B, d) to outputs; its parameters become views of theta where it lives on the
+        CPU, and are read from theta before each forward pass where it does not.
+    optimizer : Optimizer | None
+        What `step` uses, an SGD or Adam of its own.
+    lr : float | None
+        Short for Adam(lr).
+
+    Examples
+    --------
+    >>> import torch
+    >>> from rlcore import TorchNet
+    >>> TorchNet(torch.nn.Linear(3, 2), lr=0.01).n_parameters
+    8
     """
 
     @checked(module=_module)
-    def __init__(self, module, optimizer=None, lr=None):
+    def __init__(self, module: torch.nn.Module, optimizer: Optimizer | None = None, lr: float | None = None) -> None:
         with extra("deep"):
             import torch
 
@@ -42,7 +64,7 @@ class TorchNet:
         self.theta, self._outputs = self._flat.cpu().numpy(), None
 
     @classmethod
-    def like(cls, mlp):
+    def like(cls, mlp: MLP) -> TorchNet:
         """The twin of an MLP: same layers, same parameters, a copy of its optimizer."""
         with extra("deep"):
             import torch
@@ -58,10 +80,10 @@ class TorchNet:
         return cls(torch.nn.Sequential(*modules), copy.deepcopy(mlp.optimizer))
 
     @property
-    def n_parameters(self):
+    def n_parameters(self) -> int:
         return self.theta.size
 
-    def forward(self, x):
+    def forward(self, x: ArrayLike) -> Floats:
         if self._flat.device.type != "cpu":
             self._flat.copy_(self._torch.from_numpy(self.theta))
         x = self._tensor("x", x)
@@ -71,7 +93,7 @@ class TorchNet:
             raise ValueError(f"x: got shape {tuple(x.shape)}, must be what the module takes ({error})") from error
         return self._outputs.detach().cpu().numpy()
 
-    def backward(self, d_outputs):
+    def backward(self, d_outputs: ArrayLike) -> Floats:
         d = self._tensor("d_outputs", d_outputs)
         if self._outputs is None or d.shape != self._outputs.shape:
             raise ValueError(f"d_outputs: got shape {tuple(d.shape)}, must be that of the outputs of forward")
@@ -79,7 +101,7 @@ class TorchNet:
         parts = self._torch.autograd.grad(self._outputs, self._parameters, d, **options)
         return self._torch.cat([part.reshape(-1) for part in parts]).cpu().numpy()
 
-    def jvp(self, v):
+    def jvp(self, v: ArrayLike) -> Floats:
         v = self._tensor("v", v)
         if v.shape != self._flat.shape or self._outputs is None:
             raise ValueError(f"v: got shape {tuple(v.shape)}, must be {self.theta.shape}, after a forward pass")
@@ -90,13 +112,13 @@ class TorchNet:
         _, change = self._torch.func.jvp(lambda p: call(self.module, p, (self._x,)), (values,), (changes,))
         return change.cpu().numpy()
 
-    def step(self, gradient):
+    def step(self, gradient: ArrayLike) -> None:
         take_step(self, gradient)
 
     def _tensor(self, name, values):
         return self._torch.as_tensor(check_samples(name, values, self.theta.dtype), device=self._flat.device)
 
-    def copy(self, dtype=None):
+    def copy(self, dtype: DTypeLike | None = None) -> TorchNet:
         module = copy.deepcopy(self.module)
         if dtype is not None:
             module = module.to(getattr(self._torch, check_dtype("dtype", dtype).name))

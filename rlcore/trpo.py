@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.core.agents import ActorCritic, Policy, make_agent
 from rlcore.core.checks import check_fraction, check_nonnegative, check_positive
@@ -15,7 +14,7 @@ from rlcore.core.results import Run
 from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
 from rlcore.core.rules import anything, array, checked, count, function_of, instance, rules
 from rlcore.core.samples import finite_numbers
-from rlcore.core.types import Floats, Network, OnEpisode, Rng
+from rlcore.core.types import ArrayLike, Floats, Network, OnEpisode, Rng
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 
@@ -28,10 +27,52 @@ FIELDS = ("steps", "kl", "improvement", "shrunk", "entropy", "value_loss")
 )  # fmt: skip
 @dataclass(frozen=True)
 class TRPOConfig(Settings):
-    """Settings of `trpo`. delta: largest mean KL(old, new) of an update (45). damping: multiple of the identity that is
-    added to the Fisher matrix. cg_steps: of conjugate gradient. backtracks: how often the step is cut to shrink times
-    its length before the update is given up. epochs, minibatch, lr: of the value network. The others as in `Settings`.
-    Source: Schulman et al. (2015), appendix C.
+    """Settings of `trpo`.
+
+    Parameters
+    ----------
+    gamma : float
+        Discount, in [0, 1].
+    lam : float
+        In [0, 1].
+    horizon : int
+        Steps of each environment in a rollout.
+    n_envs : int
+        Environments that run side by side.
+    epochs : int
+        Passes of the value network over the rollout.
+    minibatch : int
+        Samples in a step of the value network.
+    lr : float
+        Learning rate of the value network.
+    hidden : tuple
+        Tanh neurons of each layer.
+    normalise_advantages : bool
+        Centre and scale the advantages of a rollout.
+    normalise_observations : bool
+        Centre and scale observations by running statistics.
+    clip_actions : bool
+        Continuous actions are cut to the action space before the environment sees them, not in log pi.
+    delta : float
+        Largest mean KL(old, new) of an update (45).
+    damping : float
+        Multiple of the identity that is added to the Fisher matrix.
+    cg_steps : int
+        Steps of conjugate gradient.
+    backtracks : int
+        How often the step is cut before the update is given up.
+    shrink : float
+        What the step is multiplied by where it is cut, in (0, 1).
+
+    References
+    ----------
+    Schulman et al. (2015), appendix C.
+
+    Examples
+    --------
+    >>> from rlcore.trpo import TRPOConfig
+    >>> TRPOConfig().delta
+    0.01
     """
 
     lr: float = 1e-3
@@ -45,9 +86,37 @@ class TRPOConfig(Settings):
 
 @checked(product=function_of("v (P,)"), b=array("P", kind=finite_numbers))
 def conjugate_gradient(product: Callable[[Floats], Floats], b: ArrayLike, n_steps: int, tol: float = 1e-10) -> Floats:
-    """x with H x = b for a symmetric positive definite H that is known only by product(v) = H v. om-trpo-step
+    """The solution of H x = b for a symmetric positive definite H that is known only by product(v) = H v.
 
-    b: (P,). Stops after n_steps or where the squared residual is below tol. Source: Hestenes and Stiefel (1952).
+    Parameters
+    ----------
+    product : Callable[[Floats], Floats]
+        Gives H v of v (P,).
+    b : ArrayLike
+        (P,).
+    n_steps : int
+        Most steps.
+    tol : float
+        Stops where the squared residual is below it.
+
+    Returns
+    -------
+    Floats
+        x, (P,).
+
+    Notes
+    -----
+    Ledger: om-trpo-step.
+
+    References
+    ----------
+    Hestenes and Stiefel (1952).
+
+    Examples
+    --------
+    >>> from rlcore import conjugate_gradient
+    >>> conjugate_gradient(lambda v: 2 * v, [2.0, 4.0], 10)
+    array([1., 2.])
     """
     x, r = np.zeros_like(b), b.copy()
     p, rr = r.copy(), r @ r
@@ -83,10 +152,30 @@ AGENT = instance(ActorCritic, "an ActorCritic")
 
 @checked(agent=AGENT, policy=_policy, v=_parameters, damping=check_nonnegative)
 def fisher_vector_product(agent: ActorCritic, policy: Policy, v: ArrayLike, damping: float = 0.0) -> Floats:
-    """H v, where H is the Fisher matrix of the policy averaged over the states of the agent's last forward. eq-ppo-45
+    """The product H v with the Fisher matrix H of the policy, averaged over the states of the agent's last forward.
 
-    v: (P,), or (P + A,) where log_std belongs to the parameters. H = mean of J^T F J with the network's Jacobian J and
-    the Fisher matrix F of the distribution with respect to its outputs: the Hessian of mean KL(old, new) at old.
+    H = mean of J^T F J with the network's Jacobian J and the Fisher matrix F of the distribution with respect to its
+    outputs: the Hessian of mean KL(old, new) at old.
+
+    Parameters
+    ----------
+    agent : ActorCritic
+        The policy and its critic.
+    policy : Policy
+        What the agent's last forward gave.
+    v : ArrayLike
+        (P,), or (P + A,) where log_std belongs to the parameters.
+    damping : float
+        Multiple of the identity that is added to H.
+
+    Returns
+    -------
+    Floats
+        Of v's shape.
+
+    Notes
+    -----
+    Ledger: eq-ppo-45.
     """
     P, B = agent.net.theta.size, len(_outputs(policy))
     change = agent.net.jvp(v[:P])
@@ -122,10 +211,42 @@ def _advantage(name, advantage, given):
 def trpo_step(
     agent: ActorCritic, x: ArrayLike, actions: ArrayLike, advantage: ArrayLike, config: TRPOConfig
 ) -> tuple[float, float, int]:
-    """One update of the policy: the largest step along the natural gradient that (45) and (44) allow. alg-trpo
+    """One update of the policy: the largest step along the natural gradient that (45) and (44) allow.
 
-    x: (B, d). actions, advantage: of the B samples. Parameters change in place, or stay where no step is good enough.
-    Returns (kl, improvement of the surrogate, times that the step was cut).
+    Parameters change in place, or stay where no step is good enough.
+
+    Parameters
+    ----------
+    agent : ActorCritic
+        The policy and its critic.
+    x : ArrayLike
+        (B, d).
+    actions : ArrayLike
+        Of the B samples.
+    advantage : ArrayLike
+        (B,).
+    config : TRPOConfig
+        The settings.
+
+    Returns
+    -------
+    tuple[float, float, int]
+        KL, improvement of the surrogate, and how often the step was cut.
+
+    Notes
+    -----
+    Ledger: alg-trpo.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import MLP, TRPOConfig, trpo_step
+    >>> from rlcore.core.agents import ActorCritic
+    >>> rng = np.random.default_rng(0)
+    >>> agent = ActorCritic(MLP([1, 2], rng=rng), MLP([1, 1], rng=rng))
+    >>> kl, gain, cuts = trpo_step(agent, [[0.0], [1.0]], [0, 1], [1.0, -1.0], TRPOConfig())
+    >>> kl <= 0.01, gain > 0
+    (True, True)
     """
     old = agent.forward(x)[0]
     old_log_prob, theta = old.log_prob(actions), _get(agent)
@@ -176,13 +297,50 @@ def trpo(
     world: Any, *, rng: Rng, n_steps: int, config: TRPOConfig | None = None, net: Network | None = None,
     critic: Network | None = None, on_episode: OnEpisode | None = None,
 ) -> Run:  # fmt: skip
-    """Rollouts, each followed by one natural gradient step within the trust region. alg-trpo, eq-ppo-44, eq-ppo-45
+    """Rollouts, each followed by one natural gradient step within the trust region.
 
-    Arguments as for `ppo`, with a TRPOConfig. Details that change results: those of `rlcore.ppo` except the optimizer
-    of the policy, which has none; v_hat is fitted after the step.
-    Returns a Run as `ppo` does; history: steps so far, kl (mean KL(old, new)), improvement of the surrogate, shrunk
-    (how often the step was cut; backtracks: given up), entropy, value_loss before the fit.
-    Source: Schulman et al. (2015), section 6 and appendix C.
+    Details that change results: those of `rlcore.ppo` except the optimizer of the policy, which has none; v_hat is
+    fitted after the step.
+
+    Parameters
+    ----------
+    world : Any
+        Id or gymnasium environment with Box observations (n,), and actions that are Discrete or a Box (m,).
+    rng : Rng
+        Source of all that is random.
+    n_steps : int
+        The run ends with the rollout that reaches them.
+    config : TRPOConfig | None
+        Settings; the defaults where None.
+    net : Network | None
+        MLP or TorchNet, instead of a new MLP.
+    critic : Network | None
+        MLP or TorchNet with an optimizer, from observations to one value.
+    on_episode : OnEpisode | None
+        Called as on_episode(return, steps so far) for each episode that ended, after its rollout; True ends the
+        training.
+
+    Returns
+    -------
+    Run
+        As `ppo` does; history: steps so far, kl (mean KL(old, new)), improvement of the surrogate, shrunk (how often
+        the step was cut; backtracks: given up), entropy, value_loss before the fit.
+
+    Notes
+    -----
+    Ledger: alg-trpo, eq-ppo-44, eq-ppo-45.
+
+    References
+    ----------
+    Schulman et al. (2015), section 6 and appendix C.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore.trpo import TRPOConfig, trpo
+    >>> config = TRPOConfig(horizon=128, epochs=2, hidden=(16,))
+    >>> trpo("CartPole-v1", n_steps=256, config=config, rng=np.random.default_rng(0)).history.steps
+    array([126., 249., 374.])
     """
     env, history = vector_env(world, config.n_envs), []
     agent = make_agent(env, config, net, critic, rng)

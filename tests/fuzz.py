@@ -18,7 +18,7 @@ from rlcore.mdp import FiniteMDP, rollout, uniform_policy
 LEFT_OUT = {  # what no user calls: the ground that the others stand on, and what only draws or declares
     f"rlcore.core.{name}"
     for name in ("chains", "checks", "compiled", "extras", "learner", "outcomes", "results", "rules", "samples",
-                 "sampling", "worlds")
+                 "sampling", "types", "worlds")
 }  # fmt: skip
 BAD = {
     "None": None, "NaN": np.nan, "infinity": np.inf, "minus infinity": -np.inf, "text": "text", "digits": "1",
@@ -123,7 +123,7 @@ def holds_nan(result, depth=0):
 # ---------------------------------------------------------------------- one good call of each
 
 HOLDERS = {  # what functions return or pass on, which no user makes or calls
-    "batch.Batch", "core.rollouts.Rollout", "core.rollouts.OneEnv", "core.rollouts.Episodes", "core.schedules.Schedule",
+    "batch.Batch", "core.rollouts.Rollout", "core.rollouts.OneEnv", "core.rollouts.Episodes",
     "mdp.Trajectory", "planning.Transitions", "planning.Memory", "reinforce.Baseline", "studies.ch03.Updates",
     "studies.ch04.Update", "studies.ch07.Runs", "studies.figure61.Line", "sweep.Record", "trust_region.OldPolicy",
     "trust_region.Steps", "nstep.values_on_the_way", "traces.kept", "explore.Explorer", "envs.gym.LegalActions",

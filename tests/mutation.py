@@ -102,6 +102,7 @@ TESTS = {  # in the order in which they are most likely to notice
 }
 LEFT_OUT = {
     "": "an index of names",
+    "core.types": "names for annotations",
     "core.compiled": "how functions are compiled, not what they compute; its tests need numba and fresh interpreters",
     "envs": "gathers what its modules define",
     "exercises": "loads the chapters, no more",
@@ -179,8 +180,10 @@ def _untouched(node):
         roots = [*node.decorator_list, *([node.returns] if getattr(node, "returns", None) else [])]
         if node.name in ("__repr__", "__hash__"):
             roots.append(node)
-    elif isinstance(node, ast.AnnAssign):
-        roots = [node.annotation]
+    elif isinstance(node, ast.AnnAssign) and getattr(node.annotation, "id", "") == "TypeAlias":
+        roots = [node]
+    elif isinstance(node, (ast.AnnAssign, ast.arg)):
+        roots = [node.annotation] if node.annotation else []
     elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") in ("__all__", "__hash__"):
         roots = [node]
     return [n for root in roots for n in ast.walk(root)]

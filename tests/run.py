@@ -44,8 +44,9 @@ NARROW = {
 }
 ALL = ["*.ipynb", "exercises/*.ipynb"]
 BLAS = ["0[68]_*.ipynb"]  # networks: results that come out of products of larger matrices
+LINT = [("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",)]
 GROUPS = {  # name: (what it is, commands, environment)
-    "lint": ("lint and format", [[str(BIN / "ruff"), *c] for c in (["check", "."], ["format", "--check", "."])], {}),
+    "lint": ("lint, format and types", [[str(BIN / command), *arguments] for command, *arguments in LINT], {}),
     "unit": ("unit tests", [pytest("-p", "no:nbval", "-m", "not pages and not built")], {}),
     "quick": ("unit tests but the long ones", [pytest("-p", "no:nbval", "-m", "not (pages or built or long)")], {}),
     "narrow": ("notebooks, one thread, no wide vector units", [nbval(ALL)], threads(1) | NARROW),

@@ -56,7 +56,7 @@ sys.setprofile(count)
 import {", ".join(MODULES)}
 sys.setprofile(None)
 new = {{name for name in set(sys.modules) - before if not name.startswith("rlcore")}}
-foreign = {{name.split(".")[0] for name in new}} - set(sys.stdlib_module_names) - {{"__mp_main__"}}
+foreign = {{name.split(".")[0] for name in new}} - set(sys.stdlib_module_names) - {{"__mp_main__", "numpy"}}
 print(calls, len(new), *sorted(foreign))
 """
 
@@ -87,9 +87,17 @@ def test_imports_make_no_circle():
     assert not needs, f"in a circle, or on the way to one: {sorted(needs)}"
 
 
+def length(path):
+    """Lines of a file, docstrings left out: what is said about a function does not make a room larger."""
+    text = path.read_text(encoding="utf-8")
+    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    documented = [n.body[0] for n in ast.walk(ast.parse(text)) if isinstance(n, kinds) and ast.get_docstring(n)]
+    return len(text.splitlines()) - sum(doc.end_lineno - doc.lineno + 1 for doc in documented)
+
+
 @pytest.mark.parametrize("room", ROOMS)
 def test_a_room_is_short_and_keeps_its_own_to_itself(room):
-    assert len(ROOMS[room].read_text(encoding="utf-8").splitlines()) <= 350
+    assert length(ROOMS[room]) <= 350
     assert not [name for _, name in imports(ROOMS[room]) if name.startswith("_")]
 
 

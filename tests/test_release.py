@@ -36,6 +36,8 @@ def foreign_imports(path):
 
     def walk(node, within):
         match node:
+            case ast.If(ast.Name("TYPE_CHECKING")):
+                return
             case ast.With([ast.withitem(ast.Call(ast.Name("extra"), [ast.Constant(name)]))]):
                 within = name
         for name in release.imported(ast.unparse(node)) if isinstance(node, ast.Import | ast.ImportFrom) else ():

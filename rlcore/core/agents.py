@@ -6,17 +6,19 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.core.checks import check_positive, finite
 from rlcore.core.rules import array, check_optimizer, checked, count, instance
 from rlcore.core.samples import check_samples
-from rlcore.core.types import Array, Floats, Network, Optimizer, Rng
+from rlcore.core.types import BODIES, Array, ArrayLike, Floats, Network, Optimizer, Rng
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.nn import MLP, check_network, network
 from rlcore.optimizers import Adam
 
-Policy: TypeAlias = Categorical | Gaussian
+if BODIES:
+    Policy: TypeAlias = Any
+else:
+    Policy: TypeAlias = Categorical | Gaussian
 Gradient: TypeAlias = Array | tuple[Array, Array]  # with respect to logits, or to mean and log_std
 
 
@@ -137,7 +139,7 @@ class ActorCritic:
         """The learning rate of every optimizer."""
         for part in (self.net.optimizer, self.critic and self.critic.optimizer, self.log_std_optimizer):
             if part is not None:
-                part.lr = lr
+                part.lr = lr  # type: ignore[union-attr]
 
     def see(self, observations: ArrayLike) -> Floats:
         """observations as the networks take them."""

@@ -103,7 +103,7 @@ def _sources():
 
 def compiled(function: F) -> F:
     """Compile `function` with numba on first use; leave it alone where there is no numba or RLCORE_NO_NUMBA=1."""
-    return _Lazy(function) if HAVE_NUMBA else function
+    return _Lazy(function) if HAVE_NUMBA else function  # type: ignore[return-value]
 
 
 def inlined(function: F) -> F:

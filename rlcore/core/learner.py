@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import types
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,24 +31,23 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
     The body sees what the rules return: a policy as cumulative probabilities, a schedule for a step size, a table for a
     first estimate. It starts with `world` and ends with `rng`; on a FiniteMDP it runs compiled, on a
     gymnasium.Env (or its id) interpreted, with the same bits. What it returns, result(given, *found) makes a Run of.
-    A function that learns in episodes takes on_episode, too: the body does not see it, and runs interpreted.
+    on_episode is called by an interpreted loop in place of the body, which does not see it.
     """
 
     def decorate(function):
-        signature = _with_callback(inspect.signature(function))
-        check, loop = checker(function, LEARNERS | special, signature), compiled(_positional(function))
+        check, loop = checker(function, LEARNERS | special), compiled(_positional(function))
 
         @functools.wraps(function)
         def call(*args, **kwargs):
             given = check(*args, **kwargs)
-            on_episode = given.pop("on_episode", None)
+            inputs = given | {"on_episode": None} if "on_episode" in given else given  # compiled loops call nobody
             inputs = [
                 cumulative(value) if name == "pi" and value is not None else value
-                for name, value in given.items()
+                for name, value in inputs.items()
                 if name not in ("world", "rng")
             ]
-            n = given.get("n_episodes", 0)
-            found, (why, ended) = run_loop(loop, given["world"], *inputs, rng=given["rng"], n=n, on_episode=on_episode)
+            told = dict(n=given.get("n_episodes", 0), on_episode=given.get("on_episode"))
+            found, (why, ended) = run_loop(loop, given["world"], *inputs, rng=given["rng"], **told)
             if why == LOST or np.isnan(found[0]).any():
                 raise ValueError(_lost(given, found, ended))
             made = result(given, *found)
@@ -58,18 +56,10 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
                 raise Interrupted(made)
             return made
 
-        call.loop, call.__signature__ = loop, signature
+        call.loop = loop
         return call
 
     return decorate
-
-
-def _with_callback(signature):
-    """The signature with on_episode before rng, where episodes are learned from and recorded."""
-    parameters = list(signature.parameters.values())
-    if "record" in signature.parameters:
-        parameters.insert(-1, inspect.Parameter("on_episode", inspect.Parameter.KEYWORD_ONLY, default=None))
-    return signature.replace(parameters=parameters)
 
 
 def _lost(given, found, ended):
@@ -146,7 +136,9 @@ def run_loop(
             guard, told = Guard(world), _Told(watch, on_episode)
             guard.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
             world.unwrapped.np_random, guard.episode = rng, 0
-            changes = dict(log=told.log, note=told.note, reset=lambda env, rng: guard.reset(), act=_acting(guard, watch))
+            changes = dict(
+                log=told.log, note=told.note, reset=lambda env, rng: guard.reset(), act=_acting(guard, watch)
+            )
             return interpreted(loop, **changes)(world, *args, rng), watch.marks.tolist()
 
 

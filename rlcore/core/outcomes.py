@@ -6,23 +6,22 @@ from collections.abc import Callable, Hashable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.core.checks import as_flags, as_floats, check_entries, check_index, is_number, show
 from rlcore.core.rules import anything, array, checked, rule_of
-from rlcore.core.types import Array, Given, Model
+from rlcore.core.types import Array, ArrayLike, Given, Model
 
 INT32 = np.iinfo(np.int32)
 
 
-def freeze(*arrays: Array) -> tuple[Array, ...]:
+def freeze(*arrays: Any) -> tuple[Any, ...]:
     """The arrays, read-only from now on."""
     for x in arrays:
         x.flags.writeable = False
     return arrays
 
 
-def own(name: str, given: Any, kind: Callable[[str, Any], Array]) -> Array:
+def own(name: str, given: Any, kind: Callable[..., Array]) -> Array:
     """kind(name, given), an array, as one that is read-only and that nobody else can write to; next_state as int32."""
     states = name == "next_state"
     values = given if states and type(given) is np.ndarray and given.dtype == np.int32 else kind(name, given)

@@ -14,10 +14,30 @@ from rlcore.core.checks import Model
 class Solution:
     """Values and policy that planning found.
 
-    V: (S,). Q: (S, A), -inf for actions that a state does not have. pi: (S, A). n_iter: sweeps or iterations done.
-    converged: whether the stopping rule was met before max_iter. bound: the sup-norm error of V is at most this,
-    rounding included; inf where nothing can be certified. history: (n_iter + 1, S), V_0 first; None where the
-    method keeps none.
+    Parameters
+    ----------
+    V : np.ndarray
+        (S,), the values.
+    Q : np.ndarray
+        (S, A), -inf where a is not in A(s).
+    pi : np.ndarray
+        (S, A), the policy.
+    n_iter : int
+        Sweeps or iterations done.
+    converged : bool
+        Whether the stopping rule was met before max_iter.
+    bound : float
+        The sup-norm error of V is at most this, rounding included; inf where nothing can be certified.
+    history : np.ndarray | None
+        (n_iter + 1, S), V_0 first; None where the method keeps none.
+
+    Examples
+    --------
+    >>> from rlcore import solve
+    >>> from rlcore.core.results import Solution
+    >>> from rlcore.envs.small import zero_loop
+    >>> solve(zero_loop(), 0.9).V
+    array([1., 0.])
     """
 
     V: np.ndarray
@@ -33,10 +53,35 @@ class Solution:
 class Run:
     """What a learning run leaves behind; what is not estimated or not kept is None.
 
-    returns, lengths: (n_episodes,), undiscounted sum of rewards and number of steps of each episode. V: (S,), or the
-    critic. Q: (S, A). policy: what one acts with, (S, A) or a network. history: the estimates before the first and
-    after each record-th episode, where `record` asks for them. visits: updates of each state (S,) or pair (S, A).
-    weights: theta of a linear policy, (A, d). interrupted: whether Ctrl-C ended it before its time.
+    Parameters
+    ----------
+    returns : np.ndarray
+        (n_episodes,), undiscounted sum of the rewards of each episode.
+    lengths : np.ndarray
+        (n_episodes,), number of steps of each episode.
+    V : Any
+        (S,), or the critic.
+    Q : np.ndarray | None
+        (S, A), -inf where a is not in A(s).
+    policy : Any
+        What one acts with, (S, A) or a network.
+    history : np.ndarray | None
+        The estimates before the first and after each record-th episode, where `record` asks for them.
+    visits : np.ndarray | None
+        Updates of each state (S,) or pair (S, A).
+    weights : np.ndarray | None
+        theta of a linear policy, (A, d).
+    interrupted : bool
+        Whether Ctrl-C ended it before its time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import td0
+    >>> from rlcore.core.results import Run
+    >>> from rlcore.envs.small import random_walk
+    >>> td0(random_walk(3), np.ones((5, 1)), 1.0, 2, alpha=0.1, rng=np.random.default_rng(0))
+    Run(2 episodes, 6 steps, V (5,), policy (5, 1), visits (5,))
     """
 
     returns: np.ndarray

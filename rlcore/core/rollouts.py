@@ -207,7 +207,7 @@ class Episodes:
         return False
 
 
-def make_run(agent: ActorCritic, episodes: Episodes, history: list[tuple[Any, ...]], fields: Sequence[str]) -> Run:
+def make_run(agent: ActorCritic, episodes: Episodes, history: Any, fields: Sequence[str]) -> Run:
     """A Run whose history holds one record a rollout, with a field for each name."""
     history = np.array(history, [(name, float) for name in fields]).view(np.recarray)
     return Run(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from rlcore.core.checks import (
     show,
     spaces,
 )
-from rlcore.core.types import Array, Given, Optimizer, Rule
+from rlcore.core.types import Array, C, Checked, Checks, Given, Optimizer, P, R, Rule
 
 
 def count(least: int = 1, most: int = LARGEST) -> Rule:
@@ -167,7 +167,7 @@ def rules(rule: Rule, names: str) -> dict[str, Rule]:
     return dict.fromkeys(names.split(), rule)
 
 
-def takes_none(rule: Rule) -> Rule:
+def takes_none(rule: Any) -> Any:
     """Mark a rule that is asked even where the default None came."""
     rule.takes_none = True
     return rule
@@ -212,6 +212,12 @@ RULES = {
 }
 
 
+@overload
+def checked(function: C, /, **special: Rule) -> C: ...  # type: ignore[overload-overlap]
+@overload
+def checked(function: Callable[P, R], /, **special: Rule) -> Checked[P, R]: ...
+@overload
+def checked(**special: Rule) -> Checks: ...
 def checked(function: Any = None, /, **special: Rule) -> Any:
     """The function, its arguments checked by name: as RULES says, or as `special` where a name means another thing.
 
@@ -221,7 +227,7 @@ def checked(function: Any = None, /, **special: Rule) -> Any:
     if function is None:
         return functools.partial(checked, **special)
     if isinstance(function, type):
-        function.__init__ = checked(function.__init__, **special)
+        function.__init__ = checked(function.__init__, **special)  # type: ignore[misc]
         return function
     check, signature = checker(function, special), inspect.signature(function)
     others = takes_others(signature)
@@ -234,7 +240,7 @@ def checked(function: Any = None, /, **special: Rule) -> Any:
         bound = inspect.BoundArguments(signature, given)
         return function(*bound.args, **bound.kwargs)
 
-    call.unchecked = function
+    call.unchecked = function  # type: ignore[attr-defined]
     return call
 
 
@@ -244,9 +250,9 @@ def takes_others(signature: inspect.Signature) -> bool:
     return any(parameter.kind in kinds for parameter in signature.parameters.values())
 
 
-def checker(function: Callable[..., Any], special: dict[str, Rule], signature: inspect.Signature | None = None) -> Callable[..., Given]:
+def checker(function: Callable[..., Any], special: dict[str, Rule]) -> Callable[..., Given]:
     """A function of the same arguments that returns them as they come out of their rules, {name: value}."""
-    signature = inspect.signature(function) if signature is None else signature
+    signature = inspect.signature(function)
     parameters, others = signature.parameters.values(), takes_others(signature)
     every = {parameter.name: parameter.default for parameter in parameters}
     required = {parameter.name for parameter in parameters if parameter.default is parameter.empty}

@@ -16,7 +16,6 @@ from select import select
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 STOPPED, LOST, ENOUGH = 1, 2, 3  # why a run ends: by Ctrl-C; estimates that are no numbers; by on_episode
 CUT = 2  # in place of the marks of terminal states in a Sampler: the episode is to end here

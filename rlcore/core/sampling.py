@@ -6,10 +6,9 @@ from collections import namedtuple
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rlcore.core.compiled import compiled
-from rlcore.core.types import Floats, Rng
+from rlcore.core.types import ArrayLike, Floats, Rng
 
 Sampler = namedtuple("Sampler", "next_state reward cdf terminal start_cdf marks")
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections import namedtuple
-from typing import Any, TypeAlias
+from typing import Any
 
 from rlcore.core.checks import check_flag, check_nonnegative, check_probability, check_rate, is_number, show
 from rlcore.core.compiled import compiled
 from rlcore.core.rules import checked
-from rlcore.core.types import Given
-
-# max(floor, first / (1 + rate n)^power) after n visits (a step size), n episodes or n steps (epsilon)
-Schedule = namedtuple("Schedule", "first rate power floor per_step")
-Rate: TypeAlias = float | Schedule  # what alpha and epsilon may be
+from rlcore.core.types import Given, Schedule
 
 
 def _floor(name, floor, given):
@@ -25,11 +20,39 @@ def _floor(name, floor, given):
 def decaying(
     first: float, *, rate: float = 1.0, power: float = 1.0, floor: float = 0.0, per_step: bool = False
 ) -> Schedule:
-    """A step size or epsilon that falls: first / (1 + rate n)^power, never below `floor`. om-convergence-conditions
+    """A step size or epsilon that falls: first / (1 + rate n)^power, never below `floor`.
 
     n counts the earlier updates of the same state or pair where it is a step size, so that decaying(1.0) is 1/N, the
-    sample average, and the earlier episodes where an episode has one step size (traces, n-step methods, gradients); for
-    epsilon, the finished episodes, or with per_step the steps taken.
+    sample average, and the earlier episodes where an episode has one step size (traces, n-step methods, gradients);
+    for epsilon, the finished episodes, or with per_step the steps taken.
+
+    Parameters
+    ----------
+    first : float
+        The first value, in (0, 1].
+    rate : float
+        How soon it falls, at least 0.
+    power : float
+        How it falls, at least 0.
+    floor : float
+        It stays at or above this, at most first.
+    per_step : bool
+        Count steps instead of episodes, for epsilon.
+
+    Returns
+    -------
+    Schedule
+        What alpha and epsilon may be.
+
+    Notes
+    -----
+    Ledger: om-convergence-conditions.
+
+    Examples
+    --------
+    >>> from rlcore import decaying
+    >>> decaying(1.0, power=0.8, floor=0.01)
+    Schedule(first=1.0, rate=1.0, power=0.8, floor=0.01, per_step=False)
     """
     return Schedule(first, rate, power, floor, per_step)
 

@@ -17,7 +17,7 @@ from rlcore.core.rules import takes_none
 from rlcore.core.running import CUT
 from rlcore.core.samples import all_finite
 from rlcore.core.sampling import draw, step
-from rlcore.core.types import Floats, Given, Ints, Rng, World
+from rlcore.core.types import Floats, Given, Ints, Rng
 
 MOST_STEPS = 1_000_000  # of an episode, where max_steps is None
 
@@ -30,9 +30,9 @@ def reset(world: Any, rng: Rng) -> int:
 
 @compiled
 def act(world: Any, s: int, a: int, rng: Rng) -> tuple[int, float, bool, bool]:
-    """(s', r, terminated, truncated) of one step. A FiniteMDP truncates where the run is stopped: loops count max_steps.
+    """(s', r, terminated, truncated) of one step. A FiniteMDP truncates where the run is stopped; max_steps is the loops'.
 
-    One number says both, for a second array to look into costs 3 % of a step.
+    One number says both: a second array to look into costs 3 % of a step.
     """
     s_next, r = step(world, s, a, rng)
     end = world.terminal[s_next]

@@ -1,9 +1,14 @@
 """Cart-pole dynamics, many states at once."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import numpy as np
 
 from rlcore.core.checks import as_flags, finite
 from rlcore.core.rules import checked, function_of
+from rlcore.core.types import ArrayLike, Flags, Floats, Ints, Rng
 
 __all__ = ["balance", "cartpole_start", "cartpole_step", "cartpole_transitions", "cartpole_upright", "steps_upright"]
 
@@ -26,7 +31,7 @@ def _pushes(name, a, given):
 
 
 @checked(x=_poles, a=_pushes)
-def cartpole_step(x, a):
+def cartpole_step(x: ArrayLike, a: ArrayLike) -> Floats:
     """States (n, 4) one step of 0.02 s after pushing left (0) or right (1); a: (n,). ex-pole-episodic
 
     A state is (position, velocity, angle, angular velocity). Constants and Euler steps are those of gymnasium's
@@ -43,19 +48,19 @@ def cartpole_step(x, a):
 
 
 @checked(x=_poles)
-def cartpole_upright(x):
+def cartpole_upright(x: ArrayLike) -> Flags:
     """Whether a state (..., 4) is neither off the track nor past 12 degrees."""
     return (np.abs(x[..., 0]) <= MAX_X) & (np.abs(x[..., 2]) <= MAX_ANGLE)
 
 
 @checked
-def cartpole_start(*, rng):
+def cartpole_start(*, rng: Rng) -> Floats:
     """A first state (4,), each part uniform between -0.05 and 0.05."""
     return rng.uniform(-0.05, 0.05, size=4)
 
 
 @checked
-def cartpole_transitions(n, *, rng):
+def cartpole_transitions(n: int, *, rng: Rng) -> tuple[Floats, Ints, Floats]:
     """n transitions under random pushes, from a new start after each fall: x (n, 4), a (n,), x_next (n, 4). fig-7"""
     x, a, x_next = np.zeros((n, 4)), (rng.random(n) < 0.5).astype(int), np.zeros((n, 4))
     state = cartpole_start(rng=rng)
@@ -68,7 +73,7 @@ def cartpole_transitions(n, *, rng):
 
 
 @checked(choose=function_of("the state (4,)"))
-def balance(choose, n_steps=200, *, rng):
+def balance(choose: Callable[[Floats], int], n_steps: int = 200, *, rng: Rng) -> int:
     """Steps (at most n_steps) before the pole falls when choose(x) picks the pushes. alg-mpc, ex-model-based"""
     x, t = cartpole_start(rng=rng), 0
     while t < n_steps and cartpole_upright(x):
@@ -85,7 +90,7 @@ def _many_poles(name, x, given):
 
 
 @checked(choose=function_of("the states (m, 4)"), x=_many_poles)
-def steps_upright(choose, x, n_steps):
+def steps_upright(choose: Callable[[Floats], ArrayLike], x: ArrayLike, n_steps: int) -> Ints:
     """Steps (n,), at most n_steps, before the pole falls from each first state x (n, 4). cl-114
 
     choose(x) picks the pushes (m,) of the m states (m, 4) that are still upright.

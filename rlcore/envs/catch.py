@@ -1,9 +1,12 @@
 """Catch: a ball falls through a field of 10 x 5 pixels, and the paddle has to be under it at the end."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.core.checks import show
 from rlcore.core.rules import checked
+from rlcore.core.types import Floats
 from rlcore.mdp import FiniteMDP
 
 __all__ = ["CATCH_ROWS", "CATCH_COLS", "catch", "catch_pixels"]
@@ -20,7 +23,7 @@ def _two_or_three(name, n_actions, given):
 
 
 @checked(n_actions=_two_or_three)
-def catch(n_actions=3):
+def catch(n_actions: int = 3) -> FiniteMDP:
     """The game as a FiniteMDP of 250 states (row of the ball, its column, column of the paddle). ex-outcome, ex-up-down
 
     The ball starts in the top row, its column random, the paddle in the middle; each of the 9 steps moves the ball a
@@ -39,7 +42,7 @@ def catch(n_actions=3):
     return FiniteMDP.from_outcomes(outcomes, n_states=n_states, start=start, action_names=NAMES[n_actions])
 
 
-def catch_pixels():
+def catch_pixels() -> Floats:
     """What the screen shows in each state, (250, 50) float32: row by row, 1 where the ball or the paddle is, else 0."""
     pixels = np.zeros((CATCH_ROWS * CATCH_COLS**2, CATCH_ROWS, CATCH_COLS), np.float32)
     for row, ball, paddle in np.ndindex(CATCH_ROWS, CATCH_COLS, CATCH_COLS):

@@ -1,5 +1,7 @@
 """Tic-tac-toe and its larger relatives, solved exactly."""
 
+from __future__ import annotations
+
 from rlcore.core.checks import check_count
 from rlcore.core.rules import checked, choice, count
 from rlcore.mdp import FiniteMDP
@@ -15,7 +17,7 @@ def _few_cells(name, cols, given):
 
 
 @checked(rows=count(), cols=_few_cells, in_row=count())
-def game_values(rows=3, cols=3, in_row=3):
+def game_values(rows: int = 3, cols: int = 3, in_row: int = 3) -> dict[tuple[int, int], int]:
     """Value for the first player of every position that play can reach: {(x, o): 1, 0 or -1}. ex-chess, cl-023
 
     A position is a pair of integers whose bits are the cells of either player; x moves first and takes the maximum,
@@ -37,7 +39,7 @@ def game_values(rows=3, cols=3, in_row=3):
 
 
 @checked(opponent=choice("random", "perfect"))
-def tic_tac_toe(opponent="random"):
+def tic_tac_toe(opponent: str = "random") -> FiniteMDP:
     """Tic-tac-toe for the first player as a FiniteMDP: +1 for a win, -1 for a loss, action = cell. ex-chess
 
     A state is a position in which x is to move; the opponent's answer belongs to the environment. opponent: "random"

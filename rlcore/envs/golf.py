@@ -1,9 +1,14 @@
 """Golf: each stroke costs 1; the putter is exact and short, the driver long and inexact."""
 
+from __future__ import annotations
+
+from collections.abc import Collection
+
 import numpy as np
 
 from rlcore.core.checks import check_count, check_entries, check_flag, show
 from rlcore.core.rules import checked, count, sized
+from rlcore.core.types import Cell
 from rlcore.mdp import FiniteMDP
 
 SAND = tuple(
@@ -12,7 +17,7 @@ SAND = tuple(
 
 
 @checked(length=count(), putter=sized("length", 100), driver=count())
-def golf_line(length=12, *, putter=2, driver=5):
+def golf_line(length: int = 12, *, putter: int = 2, driver: int = 5) -> FiniteMDP:
     """Golf in one dimension: states are distances 0 (the hole) to `length`, reward -1 a stroke. ex-golf-putter, fig-5
 
     putter: the ball moves 1 to `putter` towards the hole, as chosen. driver: it moves exactly `driver`, past the hole
@@ -72,8 +77,9 @@ def _range(name, driver, given):
 @checked(shape=_pair(1), hole=_inner_cell, tee=_cell, sand=_cells, putter=count(), driver=_range, scatter=count(0),
          with_driver=check_flag)  # fmt: skip
 def golf_course(
-    *, shape=(11, 31), hole=(5, 26), tee=(5, 4), sand=SAND, putter=4, driver=(3, 11), scatter=1, with_driver=True
-):
+    *, shape: Cell = (11, 31), hole: Cell = (5, 26), tee: Cell = (5, 4), sand: Collection[Cell] = SAND, putter: int = 4,
+    driver: Cell = (3, 11), scatter: int = 1, with_driver: bool = True,
+) -> FiniteMDP:  # fmt: skip
     """A golf hole seen from above: cells numbered row by row, reward -1 a stroke. fig-5, ex-golf-driver, cl-018
 
     putter: reaches any cell at a distance of at most this, exactly; in sand it does not move the ball.

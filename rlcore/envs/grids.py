@@ -1,10 +1,15 @@
 """Grid worlds."""
 
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
 import numpy as np
 
 from rlcore.core.checks import as_integers, check_finite, check_flag, is_number, show
 from rlcore.core.outcomes import freeze
 from rlcore.core.rules import anything, checked, choice, sized, takes_none
+from rlcore.core.types import ArrayLike, Cell
 from rlcore.mdp import FiniteMDP
 
 __all__ = ["blocking_maze", "cliff_walking", "dyna_maze", "gridworld", "maze", "two_goal_maze", "windy_gridworld"]
@@ -25,7 +30,10 @@ def _terminals(name, cells, given):
 
 
 @checked(n_cols=sized("n_rows", 4, 4), terminals=_terminals)
-def gridworld(n_rows=4, n_cols=4, *, terminals=None, reward=-1.0, slip=0.0):
+def gridworld(
+    n_rows: int = 4, n_cols: int = 4, *, terminals: ArrayLike | None = None, reward: float = -1.0,
+    slip: float = 0.0,
+) -> FiniteMDP:  # fmt: skip
     """A grid of n_rows x n_cols cells, numbered row by row; moves off the grid stay. Source below.
 
     terminals: cells that end the episode; the default is the first and the last, as in figure 4.1 of Sutton and Barto
@@ -80,7 +88,9 @@ def _goals(name, goals, given):
 
 
 @checked(n_cols=sized("n_rows", 100), walls=_cells, start=_cell, goals=_goals)
-def maze(n_rows, n_cols, *, walls=(), start, goals):
+def maze(
+    n_rows: int, n_cols: int, *, walls: Collection[Cell] = (), start: Cell, goals: Mapping[Cell, float]
+) -> FiniteMDP:
     """A grid with walls: four moves, one that hits a wall or the edge stays; reaching a goal pays and ends the episode.
 
     walls: cells (row, column) that cannot be entered; they stay in the numbering as states that nothing reaches.
@@ -104,7 +114,7 @@ def _place(name, cell, given):
 
 
 @checked(goal=_place, walls=anything)
-def dyna_maze(*, goal=(0, 8), walls=DYNA_WALLS):
+def dyna_maze(*, goal: Cell = (0, 8), walls: Collection[Cell] = DYNA_WALLS) -> FiniteMDP:
     """The 6 x 9 maze: start (2, 0), goal (0, 8) with reward 1, seven walls, 14 steps at best. fig-12, ex-model-based
 
     goal, walls: move them to ask what a learned model is still good for. ex-model-transfer
@@ -114,7 +124,7 @@ def dyna_maze(*, goal=(0, 8), walls=DYNA_WALLS):
 
 
 @checked(gap=choice("right", "left"))
-def blocking_maze(*, gap="right"):
+def blocking_maze(*, gap: str = "right") -> FiniteMDP:
     """A 6 x 9 maze whose one passage is at the right end of the wall, or at the left end; start (5, 3). ex-model-wrong
 
     gap: "right" (10 steps to the goal) or "left" (16 steps). The experiment closes the right end and opens the left.
@@ -125,7 +135,7 @@ def blocking_maze(*, gap="right"):
 
 
 @checked(near=check_finite, far=check_finite)
-def two_goal_maze(*, near=0.2, far=1.0):
+def two_goal_maze(*, near: float = 0.2, far: float = 1.0) -> FiniteMDP:
     """A 3 x 6 room: a small reward 2 steps left of the start, a large one 3 steps to the right. ex-explore
 
     near, far: the two rewards. At gamma = 0.95 they are worth 0.2 * 0.95 = 0.19 and 0.95^2 = 0.90 at the start.
@@ -133,7 +143,7 @@ def two_goal_maze(*, near=0.2, far=1.0):
     return maze(3, 6, start=(1, 2), goals={(1, 0): near, (1, 5): far})
 
 
-def cliff_walking():
+def cliff_walking() -> FiniteMDP:
     """4 x 12 cells; every step costs 1, the cliff between start 36 and goal 47 costs 100 and leads back to the start.
 
     A fall does not end the episode. fig-22, ex-cliff. Source: Sutton and Barto (2018), example 6.6.
@@ -149,7 +159,7 @@ def cliff_walking():
 
 
 @checked(king=check_flag, stay=check_flag)
-def windy_gridworld(*, king=False, stay=False):
+def windy_gridworld(*, king: bool = False, stay: bool = False) -> FiniteMDP:
     """7 x 10 cells; the wind of the column left pushes up by 0, 1 or 2 cells; -1 a step, start (3, 0), goal (3, 7).
 
     king: eight moves instead of four (7 steps at best instead of 15). stay: also a ninth action, which does not move.

@@ -1,12 +1,18 @@
 """A FiniteMDP as a gymnasium environment, and Catch from its pixels."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 from rlcore.core.checks import is_number, show
 from rlcore.core.extras import extra
 from rlcore.core.rules import anything, checked, index
 from rlcore.core.sampling import cumulative, draw
+from rlcore.core.types import Floats, Ints
 from rlcore.envs.catch import catch, catch_pixels
+from rlcore.mdp import FiniteMDP
 
 ACTION = index(lambda given: given["self"].mdp.n_actions)
 
@@ -32,11 +38,11 @@ with extra("gym"):
 class LegalActions(gym.spaces.Discrete):
     """Discrete actions of which sample() draws only those that are legal now, unless a mask says otherwise."""
 
-    def __init__(self, env):
+    def __init__(self, env: MDPEnv) -> None:
         super().__init__(env.mdp.n_actions)
         self._env = env
 
-    def sample(self, mask=None, probability=None):
+    def sample(self, mask: Any = None, probability: Any = None) -> np.int64:
         if mask is None and probability is None:
             mask = self._env.action_mask()
         return super().sample(mask, probability)
@@ -52,7 +58,7 @@ class MDPEnv(gym.Env):
     metadata = {"render_modes": []}
 
     @checked
-    def __init__(self, mdp):
+    def __init__(self, mdp: FiniteMDP) -> None:
         self.mdp = mdp
         self.state_names, self.action_names = mdp.state_names, mdp.action_names
         self.s = int(mdp.start.argmax())
@@ -62,7 +68,7 @@ class MDPEnv(gym.Env):
         self._start, self._cdf = cumulative(mdp.start), cumulative(mdp.prob)
 
     @property
-    def P(self):
+    def P(self) -> dict[int, dict[int, list[tuple[float, int, float, bool]]]]:
         mdp = self.mdp
         return {s: {a: self._row(s, a) for a in range(mdp.n_actions) if mdp.legal[s, a]} for s in range(mdp.n_states)}
 
@@ -71,18 +77,18 @@ class MDPEnv(gym.Env):
         outcomes = zip(m.prob[s, a].tolist(), m.next_state[s, a].tolist(), m.reward[s, a].tolist())
         return [(p, s_next, r, bool(m.terminal[s_next])) for p, s_next, r in outcomes if p > 0]
 
-    def action_mask(self):
+    def action_mask(self) -> Ints:
         """A(s) of the current state as (A,) int8."""
         return self.mdp.legal[self.s].astype("int8")
 
     @checked(seed=_seed, options=anything)
-    def reset(self, *, seed=None, options=None):
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[int, dict[str, Any]]:
         super().reset(seed=seed)
         self.s = int(draw(self._start, self.np_random))
         return self.s, {"action_mask": self.action_mask()}
 
     @checked(action=_legal)
-    def step(self, action):
+    def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
         m, s, a = self.mdp, self.s, action
         k = draw(self._cdf[s, a], self.np_random)
         self.s = int(m.next_state[s, a, k])
@@ -99,7 +105,7 @@ class Catch(gym.Env):
 
     metadata = {"render_modes": []}
 
-    def __init__(self, n_actions=3):
+    def __init__(self, n_actions: int = 3) -> None:
         self.mdp, pixels = catch(n_actions), catch_pixels()
         self.observation_space = gym.spaces.Box(0.0, 1.0, pixels.shape[1:], np.float32)
         self.action_space = gym.spaces.Discrete(n_actions)
@@ -109,12 +115,12 @@ class Catch(gym.Env):
         self._next, self._reward = (x[:, :, 0].tolist() for x in (self.mdp.next_state, self.mdp.reward))
 
     @checked(seed=_seed, options=anything)
-    def reset(self, *, seed=None, options=None):
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         super().reset(seed=seed)
         self.s = self._start[int(self.np_random.random() * len(self._start))]
         return self._pixels[self.s].copy(), {}
 
     @checked(action=ACTION)
-    def step(self, action):
+    def step(self, action: int) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         s, self.s = self.s, self._next[self.s][action]
         return self._pixels[self.s].copy(), self._reward[s][action], self._terminal[self.s], False, {}

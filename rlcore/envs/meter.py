@@ -1,5 +1,9 @@
 """A process that counts how often its model is read."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 from rlcore.core.rules import checked
@@ -15,11 +19,11 @@ class Metered(FiniteMDP):
     """
 
     @checked
-    def __init__(self, mdp):
+    def __init__(self, mdp: FiniteMDP) -> None:
         vars(self).update(vars(mdp), queries=0)  # the fields of a FiniteMDP are frozen
 
     @property
-    def next_state(self):
+    def next_state(self) -> Any:  # type: ignore[override]
         return _Rows(vars(self))
 
 

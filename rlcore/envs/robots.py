@@ -1,5 +1,9 @@
 """Robots of chapter 1: recycling, pick-and-place, an arm, a can collector, and the pole on its cart."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import numpy as np
 
 from rlcore.core.checks import (
@@ -17,6 +21,7 @@ from rlcore.core.checks import (
 from rlcore.core.extras import extra
 from rlcore.core.results import Run
 from rlcore.core.rules import checked, choice, function_of, rules
+from rlcore.core.types import ArrayLike, Floats, Rng
 from rlcore.mdp import FiniteMDP
 
 __all__ = [
@@ -32,7 +37,9 @@ __all__ = [
 
 
 @checked(**rules(check_probability, "alpha beta"), **rules(check_finite, "r_search r_wait r_rescue"))
-def recycling_robot(*, alpha=0.9, beta=0.6, r_search=2.0, r_wait=1.0, r_rescue=-3.0):
+def recycling_robot(
+    *, alpha: float = 0.9, beta: float = 0.6, r_search: float = 2.0, r_wait: float = 1.0, r_rescue: float = -3.0
+) -> FiniteMDP:
     """A robot that searches for cans, waits for them or recharges; states high and low charge. ex-recycling
 
     alpha, beta: probability that searching leaves a high, a low battery as it is. r_search, r_wait: expected cans per
@@ -55,7 +62,7 @@ def recycling_robot(*, alpha=0.9, beta=0.6, r_search=2.0, r_wait=1.0, r_rescue=-
 
 
 @checked
-def pick_and_place(*, jerk=0.0):
+def pick_and_place(*, jerk: float = 0.0) -> FiniteMDP:
     """An arm over five cells that carries parts from cell 0 to cell 4, for ever. ex-pick-and-place
 
     State 5 * holding + cell. Slow moves go one cell. Fast moves go two, but with probability jerk only one, with a
@@ -78,7 +85,7 @@ def pick_and_place(*, jerk=0.0):
 
 
 @checked(smoothness=check_nonnegative, dt=check_rate, effort=check_positive)
-def arm_motion(smoothness, *, n_steps=60, dt=0.05, effort=0.001):
+def arm_motion(smoothness: float, *, n_steps: int = 60, dt: float = 0.05, effort: float = 0.001) -> tuple[Floats, ...]:
     """Best motion of a one-joint arm from position 0 to 1 under a penalty on changes of its voltage. ex-pick-and-place
 
     Position x, velocity v, voltage u: x' = x + dt v, v' = v + dt (u - v). The reward of a step is
@@ -111,7 +118,7 @@ HELD, BINNED = 25, 26
 
 
 @checked(reward_for=choice("delivery", "pick-up"))
-def can_robot(*, reward_for="delivery"):
+def can_robot(*, reward_for: str = "delivery") -> FiniteMDP:
     """A robot in an office of 5 x 5 cells with two cans, a bin, obstacles and one wrong object. ex-recycling, cl-008
 
     reward_for: "delivery" gives +1 for a can dropped into the bin; "pick-up" gives +1 for every can picked up, while
@@ -166,7 +173,7 @@ def _failures(name, K, given):
 
 
 @checked(fail_step=_failures)
-def pole_return(fail_step, gamma, *, again=False):
+def pole_return(fail_step: int, gamma: float, *, again: bool = False) -> float:
     """G_0 of pole balancing as a continuing task: reward -1 at the step of a failure, else 0. eq-u-pole-return
 
     fail_step: K, the first failing step, at least 1; a number or an array. again: whether the pole, put upright, falls
@@ -180,7 +187,7 @@ def pole_return(fail_step, gamma, *, again=False):
 
 
 @checked(policy=function_of("(state, rng)"))
-def pole_balancing(policy, n_episodes, *, max_steps, rng):
+def pole_balancing(policy: Callable[[Floats, Rng], int], n_episodes: int, *, max_steps: int, rng: Rng) -> Run:
     """Pole balancing as an episodic task: +1 for each step until the pole falls. ex-pole-episodic
 
     policy: called with the state (x, x_dot, theta, theta_dot) and rng, gives 0 (push left) or 1 (push right).
@@ -198,7 +205,7 @@ def pole_balancing(policy, n_episodes, *, max_steps, rng):
 
 
 @checked(policy=function_of("(state, rng)"))
-def pole_continuing(policy, n_steps, *, rng):
+def pole_continuing(policy: Callable[[Floats, Rng], int], n_steps: int, *, rng: Rng) -> Floats:
     """Pole balancing as a continuing task: the n_steps rewards, -1 where the pole falls and is put up again, else 0.
 
     ex-pole-continuing. policy: as for pole_balancing.
@@ -228,7 +235,7 @@ def _pole(name, state, given):
 
 
 @checked(pushes=_pushes, state=_pole)
-def push_pole(pushes, *, state=(0.0, 0.0, 0.04, 0.0), hold=4):
+def push_pole(pushes: ArrayLike, *, state: ArrayLike = (0.0, 0.0, 0.04, 0.0), hold: int = 4) -> Floats:
     """States (T + 1, 4) of the cart-pole under pushes (0 left, 1 right), each held for `hold` steps, up to a failure.
 
     fig-2. state: (x, x_dot, theta, theta_dot) in metres, radians and seconds. A step lasts 0.02 s.

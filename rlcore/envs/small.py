@@ -1,10 +1,13 @@
 """Small processes that make one point each."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.core.checks import check_count, check_entries, check_positive, check_probability, finite
 from rlcore.core.outcomes import freeze
 from rlcore.core.rules import anything, checked, count, sized, takes_none
+from rlcore.core.types import ArrayLike, Rng
 from rlcore.mdp import FiniteMDP
 
 __all__ = [
@@ -33,7 +36,7 @@ def _two_rewards(name, rewards, given):
 
 
 @checked(n=count(most=MOST_STATES), rewards=_two_rewards, start=anything, right=check_probability)
-def random_walk(n, *, rewards=None, start=None, right=0.5):
+def random_walk(n: int, *, rewards: ArrayLike | None = None, start: int | None = None, right: float = 0.5) -> FiniteMDP:
     """n states in a row, one action that steps right with probability `right`, else left; a terminal state at each end.
 
     States 0 (left end), 1..n, n + 1 (right end); start in the middle. rewards: (on the left end, on the right end);
@@ -53,7 +56,9 @@ def _successors(name, n_next, given):
 
 
 @checked(n_next=_successors, concentration=check_positive)
-def random_mdp(n_states, n_actions, *, n_next=None, concentration=0.3, rng):
+def random_mdp(
+    n_states: int, n_actions: int, *, n_next: int | None = None, concentration: float = 0.3, rng: Rng
+) -> FiniteMDP:
     """A random process without terminal states: Dirichlet(concentration) rows, normal rewards r(s, a, s'). fig-13
 
     n_next: how many successors each pair has (drawn with repetition, as sparse processes need); all states where None.
@@ -65,7 +70,7 @@ def random_mdp(n_states, n_actions, *, n_next=None, concentration=0.3, rng):
     return FiniteMDP(next_state, *freeze(prob, reward, np.ones((S, A), bool), np.zeros(S, bool), np.full(S, 1 / S)))
 
 
-def short_corridor():
+def short_corridor() -> FiniteMDP:
     """States 0, 1, 2 in a row, then the end; actions left and right, which state 1 confuses; every step costs 1.
 
     With every state looking the same, the best policy goes right with probability 2 - sqrt(2) and is worth -11.66.
@@ -78,7 +83,7 @@ def short_corridor():
 
 
 @checked
-def zero_loop(*, reward=1.0):
+def zero_loop(*, reward: float = 1.0) -> FiniteMDP:
     """One state with two actions: stay, for reward 0, or leave, for `reward`, to the terminal state. cl-012, cl-014
 
     At gamma = 1 every constant solves (12) for the policy that stays, and every number of at least `reward` solves
@@ -89,7 +94,7 @@ def zero_loop(*, reward=1.0):
     )
 
 
-def myopic():
+def myopic() -> FiniteMDP:
     """A choice at the start: now, for +1 and the end, or later, for rewards 0, 0, 0, +10 and the end. ex-myopic, cl-005
 
     States 0 (start), 1, 2, 3 (the waiting, with one action) and 4 (the end). Best is later where 10 gamma^3 > 1.
@@ -100,7 +105,7 @@ def myopic():
 
 
 @checked(reach=sized("n", 2))
-def jumping_walk(n=1000, reach=100):
+def jumping_walk(n: int = 1000, reach: int = 100) -> FiniteMDP:
     """n states in a row, one action that jumps 1 to `reach` states left or right, all equally likely. ex-tabular
 
     Jumps beyond an end terminate, with reward -1 on the left, +1 on the right. States 0 (left end), 1..n, n + 1 (right
@@ -116,7 +121,7 @@ def jumping_walk(n=1000, reach=100):
     return FiniteMDP(next_state, prob, reward, np.ones((n + 2, 1), bool), terminal, start, action_names=("jump",))
 
 
-def two_state_mdp():
+def two_state_mdp() -> FiniteMDP:
     """Two states, two actions: 0 tries to stay (works 9 times in 10), 1 to change (8 in 10). fig-8
 
     A step in state 1 pays 1, trying to change costs 0.2. Start in state 0.
@@ -126,7 +131,7 @@ def two_state_mdp():
 
 
 @checked(n_next=sized("n_states", 2))
-def branching_mdp(n_states, n_next, *, stop=0.1, rng):
+def branching_mdp(n_states: int, n_next: int, *, stop: float = 0.1, rng: Rng) -> FiniteMDP:
     """Two actions a state, each to one of n_next states or, with probability `stop`, to the end; normal rewards. cl-022
 
     Successors are drawn at random and equally likely; the reward depends on (s, a, s'), 0 on stopping. Start: state 0.

@@ -1,14 +1,18 @@
 """Comparing what came with what was expected, in words that help."""
 
+from __future__ import annotations
+
 import numbers
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from typing import Any
 
 import numpy as np
 
 from rlcore.mdp import FiniteMDP
 
 
-def difference(got, expected, tol):
+def difference(got: Any, expected: Any, tol: float) -> str | None:
     """None where got is expected within tol (absolute and relative); otherwise what is wrong, in one sentence."""
     if isinstance(expected, FiniteMDP):
         return _mdp_difference(got, expected)
@@ -88,7 +92,7 @@ def _sorted(mdp):
     return np.nan_to_num(mdp.expected_reward_sas()) * (P > 0)
 
 
-def unchanged(given, original):
+def unchanged(given: Mapping[str, Any], original: Mapping[str, Any]) -> str | None:
     """None where every argument is as it was; otherwise the name of the first that is not."""
     return next((name for name in original if not _identical(given.get(name), original[name])), None)
 
@@ -122,7 +126,7 @@ def _kind(value):
     return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
 
 
-def show(value):
+def show(value: Any) -> str:
     """A value in a few lines."""
     if isinstance(value, np.ndarray):
         text = np.array2string(value, precision=6, suppress_small=True, threshold=40, separator=", ")

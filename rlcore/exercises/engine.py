@@ -1,5 +1,7 @@
 """Exercises that know what went wrong: declarations, the checker, hints and solutions."""
 
+from __future__ import annotations
+
 import html
 import inspect
 import json
@@ -9,6 +11,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, field
 from types import FunctionType
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +72,7 @@ class Exercise:
     setup: str = "import numpy as np"
     name: str = field(init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for part in ("statement", "stub", "solution", "setup"):
             object.__setattr__(self, part, textwrap.dedent(getattr(self, part)).strip())
         wrong = tuple(Wrong(self._program(w.source), " ".join(w.message.split())) for w in self.wrong)
@@ -111,14 +114,14 @@ class Exercise:
             elif isinstance(node, ast.Assign):
                 yield node.targets[0].id
 
-    def bind(self, source):
+    def bind(self, source: str) -> Any:
         """What `source` gives the exercise's name: a function or a value."""
         scope = {"__name__": self.id}
         for part in (self.setup, source):  # apart, as in the cells of a notebook: together they compile to other code
             exec(compile(part, f"<{self.id}>", "exec"), scope)
         return scope[self.name]
 
-    def make_cases(self):
+    def make_cases(self) -> list[Case]:
         """The cases, the same each time."""
         return self.cases(np.random.default_rng(sum(map(ord, self.id))))
 
@@ -133,7 +136,7 @@ class Question:
     text: str
     choices: tuple
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if sum(bool(right) for _, right, _ in self.choices) != 1:
             raise ValueError(f"question {self.text!r}: exactly one choice must be right")
 
@@ -145,14 +148,14 @@ class Verdict:
     status: str
     message: str
 
-    def __str__(self):
+    def __str__(self) -> str:
         return f"{self.status}: {self.message}"
 
     def _repr_pretty_(self, printer, cycle):
         printer.text(str(self))
 
 
-def check(id, answer):
+def check(id: str, answer: Any) -> Verdict:
     """Run the exercise's cases on the answer and say what is wrong, by name where the mistake is a usual one.
 
     id: of the exercise. answer: what the exercise asks for, a function or a value. Returns a Verdict, which shows
@@ -244,14 +247,14 @@ def _code(code):
 _given = {}
 
 
-def hint(id):
+def hint(id: str) -> Note:
     """The next hint of the exercise; after the last one, the last one again."""
     exercise = _find(id)
     _given[id] = min(_given.get(id, 0) + 1, len(exercise.hints))
     return Note(f"Hint {_given[id]} of {len(exercise.hints)}: {exercise.hints[_given[id] - 1]}")
 
 
-def solution(id):
+def solution(id: str) -> Note:
     """The solution, once every hint has been seen."""
     exercise = _find(id)
     left = len(exercise.hints) - _given.get(id, 0)
@@ -267,7 +270,7 @@ class Note:
     text: str
     is_code: bool = False
 
-    def __str__(self):
+    def __str__(self) -> str:
         return self.text
 
     def _repr_pretty_(self, printer, cycle):

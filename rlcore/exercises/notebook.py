@@ -1,9 +1,13 @@
 """The notebooks of the exercises, generated from the declarations."""
 
+from __future__ import annotations
+
 import html
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from rlcore.exercises.engine import EXERCISES, Verdict
 
@@ -30,7 +34,7 @@ PAGES_AGAIN = {  # the document numbers from 20 a second time
 }
 
 
-def write(chapters, folder):
+def write(chapters: Mapping[str, Any], folder: str | Path) -> list[Path]:
     """Write the notebook of every chapter module into `folder`; returns the paths."""
     paths = []
     for module in chapters.values():
@@ -41,7 +45,7 @@ def write(chapters, folder):
     return paths
 
 
-def build(module):
+def build(module: Any) -> dict[str, Any]:
     """The notebook of one chapter as a dictionary, with the outputs that an untouched copy shows."""
     prefix = module.__name__.rpartition(".")[2].split("_")[0]
     mine = [exercise for id, exercise in EXERCISES.items() if id.startswith(prefix + "-")]

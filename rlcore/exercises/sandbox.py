@@ -1,5 +1,7 @@
 """Running a learner's function so that an endless loop or a huge allocation harms nobody."""
 
+from __future__ import annotations
+
 import ctypes
 import io
 import os
@@ -10,7 +12,9 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
+from typing import Any
 
 MEMORY = 2 << 30  # bytes that an answer may allocate on top of what the notebook holds
 PATIENCE = 5  # on a busy machine, or asleep, an answer takes longer by the clock than it computes: so many times
@@ -24,7 +28,7 @@ class TimeIsUp(BaseException):
     """Raised inside an answer that runs too long, where there is no process of its own to end."""
 
 
-def run_guarded(function, seconds):
+def run_guarded(function: Callable[[], Any], seconds: float) -> Any:
     """function() with at most `seconds` of computing and MEMORY bytes; raises Crash where it raises or is stopped.
 
     The clock may show PATIENCE times as much. On systems that fork, function runs in a child process, which is ended

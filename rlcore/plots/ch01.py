@@ -1,14 +1,24 @@
 """Figures of chapter 1: the loop, the robots, the pole, discounting, Monte Carlo errors."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
+from rlcore.core.results import Solution
+from rlcore.core.types import ArrayLike
 from rlcore.envs.robots import BINNED, HELD, OFFICE, arm_motion, pole_return, push_pole
-from rlcore.plots.style import PALETTE, arrow, band, box, circle, new_diagram, new_figure
+from rlcore.mdp import FiniteMDP, Trajectory
+from rlcore.plots.style import PALETTE, Curves, Figure, arrow, band, box, circle, new_diagram, new_figure
 
 SYMBOLS = {"slow left": "←", "slow right": "→", "fast left": "⇇", "fast right": "⇉", "grip": "grip"}
 
 
-def agent_environment_diagram(mdp=None, trajectory=None, t=None):
+def agent_environment_diagram(
+    mdp: FiniteMDP | None = None, trajectory: Trajectory | None = None, t: int | None = None
+) -> Figure:
     """The loop of figure 1; with a trajectory, step t of it is written on the arrows. fig-1
 
     mdp: gives the names of states and actions. t: 0..T - 1.
@@ -34,7 +44,7 @@ def agent_environment_diagram(mdp=None, trajectory=None, t=None):
     return fig
 
 
-def recycling_graph(mdp):
+def recycling_graph(mdp: FiniteMDP) -> Figure:
     """The recycling robot as a graph: states are open circles, actions filled dots. ex-recycling"""
     fig, ax = new_diagram((0, 10), (0, 5.4))
     places = {0: (2.2, 2.7), 1: (7.8, 2.7)}
@@ -58,7 +68,7 @@ def recycling_graph(mdp):
     return fig
 
 
-def pick_and_place_policy(mdp, solution, actions):
+def pick_and_place_policy(mdp: FiniteMDP, solution: Solution, actions: ArrayLike) -> Figure:
     """Values (shade) and best actions of the pick-and-place arm, empty above and holding below. ex-pick-and-place
 
     actions: (S, A) bool, the best actions of each state.
@@ -76,7 +86,7 @@ def pick_and_place_policy(mdp, solution, actions):
     return fig
 
 
-def arm(smoothness):
+def arm(smoothness: float) -> Figure:
     """Position and voltage of the continuous arm for one weight of the smoothness penalty. ex-pick-and-place"""
     position, _, voltage, _ = arm_motion(smoothness)
     seconds = 0.05 * np.arange(position.size)
@@ -89,7 +99,7 @@ def arm(smoothness):
     return fig
 
 
-def can_office(mdp, trajectory, t):
+def can_office(mdp: FiniteMDP, trajectory: Trajectory, t: int) -> Figure:
     """The office of the can-collecting robot after t steps, with the rewards collected so far. ex-recycling, cl-008"""
     robot, *cans = mdp.state_names[trajectory.states[t]]
     fig, ax = new_diagram((-0.1, 8.6), (-0.1, 5.1), width=6)
@@ -120,7 +130,7 @@ def _square(x, y, colour):
     return Rectangle((x, y), 1, 1, fc=colour, ec=PALETTE["grey"], lw=1.2)
 
 
-def cart_pole(states):
+def cart_pole(states: ArrayLike) -> Figure:
     """A cart with its pole at the last of the states (T, 4), earlier ones pale, and the limits of failure. fig-2"""
     fig, ax = new_diagram((-2.9, 2.9), (-0.5, 2.0))
     ax.plot([-2.4, 2.4], [0, 0], color=PALETTE["black"], ls="-", lw=1.5)
@@ -151,7 +161,7 @@ def _cart(x, alpha):
     return Rectangle((x - 0.35, 0.1), 0.7, 0.3, fc=PALETTE["blue"], ec="none", alpha=alpha)
 
 
-def push_game(*pushes):
+def push_game(*pushes: str) -> Figure:
     """The cart-pole after pushes ("left" or "right", 4 steps of 0.02 s each), with what has become of it. fig-2"""
     states = push_pole([int(push == "right") for push in pushes])
     fig = cart_pole(states)
@@ -162,7 +172,7 @@ def push_game(*pushes):
     return fig
 
 
-def pole_returns(gamma):
+def pole_returns(gamma: float) -> Figure:
     """The two returns of pole balancing against the failing step K. fig-2, ex-pole-continuing"""
     K = np.arange(1, 101)
     fig, (left, right) = new_figure(1, 2, height=3.2)
@@ -176,7 +186,7 @@ def pole_returns(gamma):
     return fig
 
 
-def discount_weights(gamma):
+def discount_weights(gamma: float) -> Figure:
     """How much a reward k + 1 steps ahead counts: gamma^k, and the horizon 1 / (1 - gamma). cl-002, cl-006"""
     fig, ax = new_figure(height=3.2)
     k, horizon = np.arange(61), 1 / (1 - gamma)
@@ -187,7 +197,7 @@ def discount_weights(gamma):
     return fig
 
 
-def partial_sums(gamma, n=120):
+def partial_sums(gamma: float, n: int = 120) -> Figure:
     """Sums of the first n discounted rewards for rewards 1, k and 1.2^k. cl-003, cl-004, ex-constant-reward"""
     fig, ax = new_figure(height=3.4)
     k = np.arange(1, n + 1)
@@ -198,7 +208,7 @@ def partial_sums(gamma, n=120):
     return fig
 
 
-def myopic_values(gamma, switch):
+def myopic_values(gamma: float, switch: float) -> Figure:
     """What the two choices are worth against gamma, with the point of the switch and one gamma marked. ex-myopic"""
     fig, ax = new_figure(height=3.2)
     x = np.linspace(0, 1, 101)
@@ -212,7 +222,7 @@ def myopic_values(gamma, switch):
     return fig
 
 
-def absorbing_chain(rewards=(1, 1, 1)):
+def absorbing_chain(rewards: ArrayLike = (1, 1, 1)) -> Figure:
     """An episode that ends in an absorbing state, drawn as a square. ex-absorbing"""
     n = len(rewards)
     fig, ax = new_diagram((-0.6, 2.2 * n + 1.6), (-0.6, 1.15))
@@ -228,7 +238,7 @@ def absorbing_chain(rewards=(1, 1, 1)):
     return fig
 
 
-def monte_carlo_error(n_episodes, errors, slopes):
+def monte_carlo_error(n_episodes: int, errors: ArrayLike, slopes: Sequence[float]) -> Figure:
     """Root-mean-square errors (runs, n) of Monte Carlo averages on log-log axes, with the slope -1/2. cl-011
 
     errors, slopes: {"first visit": (runs, n)}, {"first visit": number}.
@@ -243,7 +253,7 @@ def monte_carlo_error(n_episodes, errors, slopes):
     return fig
 
 
-def averages(n, runs, truth):
+def averages(n: int, runs: Curves, truth: ArrayLike) -> Figure:
     """Running averages (runs, n) of sampled returns, with the exact value. eq-10, eq-11"""
     fig, ax = new_figure(height=3.2)
     for run in runs:
@@ -254,7 +264,7 @@ def averages(n, runs, truth):
     return fig
 
 
-def return_ranking(episodic, continuing, labels):
+def return_ranking(episodic: ArrayLike, continuing: ArrayLike, labels: Sequence[Any]) -> Figure:
     """Ranks of policies under the episodic return against their ranks under the continuing ones. cl-007
 
     episodic: (n,). continuing: {gamma: (n,)}.

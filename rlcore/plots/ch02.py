@@ -1,14 +1,20 @@
 """Figures of chapter 2: backup diagrams, golf, uniqueness, search, cost, where updates go."""
 
+from __future__ import annotations
+
 from collections import namedtuple
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Arc
 
 from rlcore.bellman import q_from_v, solve_policy
+from rlcore.core.types import ArrayLike, Cell
 from rlcore.dp import value_iteration
-from rlcore.plots.style import PALETTE, band, circle, new_diagram, new_figure, text_colour
+from rlcore.mdp import FiniteMDP
+from rlcore.plots.style import PALETTE, Curves, Figure, band, circle, new_diagram, new_figure, text_colour
 
 # kind: "s" open circle, "a" solid circle; edge: words on the branch above; strong: whether that branch is a maximum
 Node = namedtuple("Node", "kind text name edge strong children", defaults=("", "", False, ()))
@@ -16,7 +22,7 @@ Node = namedtuple("Node", "kind text name edge strong children", defaults=("", "
 # ---------------------------------------------------------------------- backup diagrams
 
 
-def backup_diagram(kind, *, n_actions=3, n_next=2):
+def backup_diagram(kind: str, *, n_actions: int = 3, n_next: int = 2) -> Figure:
     """Backup diagram in symbols; kind: "v_pi", "q_pi", "v_star" or "q_star". fig-3, fig-4, fig-6"""
     if kind not in ("v_pi", "q_pi", "v_star", "q_star"):
         raise ValueError(f'kind: got {kind!r}, must be one of "v_pi", "q_pi", "v_star", "q_star"')
@@ -31,7 +37,7 @@ def backup_diagram(kind, *, n_actions=3, n_next=2):
     return draw_tree(root, arcs=not average)
 
 
-def value_diagram(mdp, root, pi, gamma, *, take="average"):
+def value_diagram(mdp: FiniteMDP, root: Any, pi: ArrayLike, gamma: float, *, take: str = "average") -> Figure:
     """Backup diagram of one state, or of one pair, with its numbers. fig-3, fig-4, fig-6
 
     root: a state s or a pair (s, a). take: "average" weighs actions by pi, "max" takes the best (pi is then not used).
@@ -62,7 +68,7 @@ def value_diagram(mdp, root, pi, gamma, *, take="average"):
     return draw_tree(tree, arcs=not average)
 
 
-def draw_tree(root, *, arcs, drop=2.8, radius=0.62):
+def draw_tree(root: Any, *, arcs: bool, drop: float = 2.8, radius: float = 0.62) -> Figure:
     """Root on top, leaves below; an arc across the branches under each state that has some, where arcs."""
     n_leaves = max(_leaves(root), 3)
     step = max(1.9, 9.5 / n_leaves)
@@ -107,7 +113,7 @@ def _draw_node(ax, node, left, y, step, drop, radius, arcs):
 # ---------------------------------------------------------------------- golf, and curves
 
 
-def golf(panels, shape, *, hole, tee, sand=()):
+def golf(panels: Curves, shape: Cell, *, hole: Cell, tee: Cell, sand: Iterable[Cell] = ()) -> Figure:
     """Values of every cell of a golf hole, one panel above the other in the same colours. fig-5
 
     panels: {title: (S,)}; values are rounded up to whole strokes. sand: cells drawn in grey where the value is -inf.
@@ -132,7 +138,9 @@ def golf(panels, shape, *, hole, tee, sand=()):
     return fig
 
 
-def best_clubs(putter, driver, shape, *, hole, tee, sand=()):
+def best_clubs(
+    putter: ArrayLike, driver: ArrayLike, shape: Cell, *, hole: Cell, tee: Cell, sand: Iterable[Cell] = ()
+) -> Figure:
     """The best club of every cell; putter, driver: (S,), values of playing that club first. fig-5, ex-golf-driver"""
     fig, ax = new_figure(width=6.4, height=3.2)
     gap = np.asarray(putter) - driver
@@ -154,7 +162,7 @@ def best_clubs(putter, driver, shape, *, hole, tee, sand=()):
     return fig
 
 
-def visits_and_errors(runs):
+def visits_and_errors(runs: Curves) -> Figure:
     """Error of each action value against how often it was updated; runs: {label: (visits (n,), errors (n,))}. cl-022"""
     fig, ax = new_figure()
     for (label, (visits, errors)), mark in zip(runs.items(), "os^"):
@@ -164,7 +172,7 @@ def visits_and_errors(runs):
     return fig
 
 
-def staircase(exact, runs):
+def staircase(exact: ArrayLike, runs: Curves) -> Figure:
     """Learned values of a long walk beside the exact ones; runs: {label: (n_runs, S)}. ex-tabular"""
     fig, ax = new_figure()
     x = np.arange(exact.size)
@@ -176,7 +184,7 @@ def staircase(exact, runs):
     return fig
 
 
-def bands(curves, *, xlabel, ylabel, log_y=False, log_x=False):
+def bands(curves: Curves, *, xlabel: str, ylabel: str, log_y: bool = False, log_x: bool = False) -> Figure:
     """Mean and spread (one standard deviation over runs) of curves {label: (x, (n_runs, n))}. ex-tabular, cl-022"""
     fig, ax = new_figure()
     for label, (x, values) in curves.items():

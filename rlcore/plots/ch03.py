@@ -1,11 +1,18 @@
 """Figures of chapter 3: models, planning in them, and what learns without them."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import PowerNorm
 
-from rlcore.plots.style import PALETTE, arrow, band, box, heatmap, new_diagram, new_figure
+from rlcore.core.types import ArrayLike, Cell, Floats
+from rlcore.mdp import FiniteMDP
+from rlcore.plots.style import PALETTE, Axes, Curves, Figure, Point, arrow, band, box, heatmap, new_diagram, new_figure
 
 BLUE, RED, GREEN, GREY, PALE = (PALETTE[c] for c in ("blue", "vermillion", "green", "grey", "light"))
 # Figure 10: group -> leaves (method, function, section of the document).
@@ -36,7 +43,9 @@ FAMILY = {
 }
 
 
-def loop_diagram(labels=("act", "store (s, a, r, s')", "fit the model", "plan in the model")):
+def loop_diagram(
+    labels: Sequence[Any] = ("act", "store (s, a, r, s')", "fit the model", "plan in the model"),
+) -> Figure:
     """Four boxes in a circle: what a method does in turn. fig-7, fig-12"""
     fig, ax = new_diagram((0, 10), (0, 5))
     places = [(2.3, 4), (7.7, 4), (7.7, 1), (2.3, 1)]
@@ -52,7 +61,7 @@ def loop_diagram(labels=("act", "store (s, a, r, s')", "fit the model", "plan in
     return fig
 
 
-def prediction_errors(real, predicted, k):
+def prediction_errors(real: ArrayLike, predicted: ArrayLike, k: int) -> Figure:
     """Angular velocity of the pole k steps ahead, real against predicted, and how the error grows. fig-7
 
     real, predicted: (T + 1, n, 4) states of the same n runs under the same actions.
@@ -73,7 +82,7 @@ def prediction_errors(real, predicted, k):
     return fig
 
 
-def trajectory_factors(mdp, pi, states, actions):
+def trajectory_factors(mdp: FiniteMDP, pi: ArrayLike, states: ArrayLike, actions: ArrayLike) -> Figure:
     """The factors of one trajectory's probability, in order; policy and dynamics in two colours. fig-8"""
     P = mdp.transition_probs()
     factors = [(r"$p(s_1)$", mdp.start[states[0]], PALE)]
@@ -88,7 +97,9 @@ def trajectory_factors(mdp, pi, states, actions):
     return fig
 
 
-def trajectory_bars(states, actions, prob, totals, expected):
+def trajectory_bars(
+    states: ArrayLike, actions: ArrayLike, prob: ArrayLike, totals: ArrayLike, expected: ArrayLike
+) -> Figure:
     """Probability of every possible trajectory, ordered by its sum of rewards, and the expected sum. fig-8"""
     order = np.lexsort((np.arange(prob.size), totals))
     order = order[states[order, 0] == 0]  # those that begin in the start state
@@ -101,7 +112,7 @@ def trajectory_bars(states, actions, prob, totals, expected):
     return fig
 
 
-def model_and_policy(mdp, pi, a):
+def model_and_policy(mdp: FiniteMDP, pi: ArrayLike, a: int) -> Figure:
     """p(s'|s, a) for each action, action a in front, beside pi(a|s). fig-9"""
     P, A = mdp.transition_probs(), mdp.n_actions
     fig, axes = new_figure(1, A + 1, width=7.4, height=2.9, width_ratios=[2] * A + [2.6])
@@ -120,7 +131,7 @@ def model_and_policy(mdp, pi, a):
     return fig
 
 
-def family_tree(leaf=None):
+def family_tree(leaf: Any = None) -> Figure:
     """Methods of the book by what they know and what they learn; dashed: still to come. fig-10
 
     leaf: the method whose section and function are written below.
@@ -142,7 +153,7 @@ def family_tree(leaf=None):
     return fig
 
 
-def descent_path(C, path, epsilon, ax=None):
+def descent_path(C: Callable[[Floats], ArrayLike], path: ArrayLike, epsilon: float, ax: Axes | None = None) -> Figure:
     """Points of gradient descent on the curve C. fig-11"""
     fig, ax = (None, ax) if ax is not None else new_figure()
     v = np.linspace(-3, 3, 101)
@@ -156,7 +167,7 @@ def descent_path(C, path, epsilon, ax=None):
     return fig
 
 
-def descent_panels(C, paths):
+def descent_panels(C: Callable[[Floats], ArrayLike], paths: Curves) -> Figure:
     """Several learning rates side by side; paths: {epsilon: path}. fig-11"""
     fig, axes = new_figure(2, 2, width=7, height=5.2, sharex=True, sharey=True)
     for ax, (epsilon, path) in zip(axes.flat, paths.items()):
@@ -169,7 +180,10 @@ def descent_panels(C, paths):
 Q_CMAP, Q_NORM = mpl.colormaps["YlGnBu"], PowerNorm(0.5, 0, 1)  # a root scale, so that the first small values show
 
 
-def q_table(Q, mdp, shape, *, flash=None, title="", ax=None):
+def q_table(
+    Q: ArrayLike, mdp: FiniteMDP, shape: Cell, *, flash: tuple[int, int] | None = None, title: str = "",
+    ax: Axes | None = None,
+) -> Figure:  # fmt: skip
     """A Q-table of a maze: each cell in four triangles, one an action (up, down, right, left). fig-12
 
     Q: (S, 4), drawn on a scale from 0 to 1. shape: rows and columns. flash: (s, a), drawn in red. Walls are grey, S is
@@ -196,7 +210,7 @@ def q_table(Q, mdp, shape, *, flash=None, title="", ax=None):
     return fig
 
 
-def q_tables(history, episodes, mdp, shape):
+def q_tables(history: ArrayLike, episodes: Sequence[int], mdp: FiniteMDP, shape: Cell) -> Figure:
     """The Q-table after several numbers of episodes. fig-12"""
     fig, axes = new_figure(2, 2, width=7.2, height=5.2)
     for ax, k in zip(axes.flat, episodes):
@@ -206,7 +220,10 @@ def q_tables(history, episodes, mdp, shape):
     return fig
 
 
-def learning_curves(lengths, *, ylabel="steps per episode", log=True, ylim=None, x=None, xlabel="episode"):
+def learning_curves(
+    lengths: Curves, *, ylabel: str = "steps per episode", log: bool = True, ylim: Point | None = None,
+    x: ArrayLike | None = None, xlabel: str = "episode",
+) -> Figure:  # fmt: skip
     """Mean over runs with the middle half of the runs; lengths: {label: (n_runs, n)}."""
     fig, ax = new_figure()
     for label, values in lengths.items():
@@ -218,7 +235,9 @@ def learning_curves(lengths, *, ylabel="steps per episode", log=True, ylim=None,
     return fig
 
 
-def decay(errors, *, xlabel, ylabel, reference=None, log_x=True):
+def decay(
+    errors: ArrayLike, *, xlabel: str, ylabel: str, reference: Curves | None = None, log_x: bool = True
+) -> Figure:
     """Errors {label: (x, y)} on log axes, with a reference line {label: (x, y)} in grey. alg-model-learning, fig-13"""
     fig, ax = new_figure()
     for label, (x, y) in errors.items():
@@ -230,7 +249,7 @@ def decay(errors, *, xlabel, ylabel, reference=None, log_x=True):
     return fig
 
 
-def cart_pole_costs(run_lengths, n_fit):
+def cart_pole_costs(run_lengths: Curves, n_fit: int) -> Figure:
     """Length of each REINFORCE episode against the transitions used so far, one line a seed. ex-model-based"""
     fig, ax = new_figure()
     for lengths in run_lengths:
@@ -244,7 +263,7 @@ def cart_pole_costs(run_lengths, n_fit):
     return fig
 
 
-def rewards_over_time(curves, change):
+def rewards_over_time(curves: Curves, change: float) -> Figure:
     """Cumulative reward against real steps, with the change marked; curves: {label: (n_runs, n)}. ex-model-wrong"""
     fig, ax = new_figure()
     for label, values in curves.items():
@@ -258,7 +277,7 @@ def rewards_over_time(curves, change):
     return fig
 
 
-def spread_by_setting(x, values, *, xlabel, ylabel):
+def spread_by_setting(x: ArrayLike, values: ArrayLike, *, xlabel: str, ylabel: str) -> Figure:
     """Mean and spread over runs at each setting; values: (n_settings, n_runs). ex-explore"""
     fig, ax = new_figure()
     band(ax, range(len(x)), np.mean(values, axis=1), np.percentile(values, [25, 75], axis=1), "", marker="o")
@@ -266,7 +285,7 @@ def spread_by_setting(x, values, *, xlabel, ylabel):
     return fig
 
 
-def sweep_values(V, shape, title):
+def sweep_values(V: ArrayLike, shape: Cell, title: str) -> Figure:
     """Values of a grid after some sweeps. alg-policy-evaluation"""
     fig, ax = new_figure(width=4.6, height=4.2)
     heatmap(ax, V.reshape(shape), fmt="{:.2f}", vmin=-22, vmax=0, fontsize=13)
@@ -274,7 +293,7 @@ def sweep_values(V, shape, title):
     return fig
 
 
-def value_iteration_progress(V, shape, errors, gamma, k):
+def value_iteration_progress(V: ArrayLike, shape: Cell, errors: ArrayLike, gamma: float, k: int) -> Figure:
     """Left: V_k of a grid. Right: error of V_k on the random process, against the bound gamma^k. fig-13
 
     errors: (n,) largest error after 0, 1, ... sweeps.

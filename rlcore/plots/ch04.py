@@ -1,13 +1,31 @@
 """Figures of chapter 4: temporal differences."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
-from rlcore.plots.style import PALETTE, arrow, band, box, circle, heatmap, new_diagram, new_figure
+from rlcore.core.types import ArrayLike
+from rlcore.plots.style import (
+    PALETTE,
+    Curves,
+    Figure,
+    Point,
+    arrow,
+    band,
+    box,
+    circle,
+    heatmap,
+    new_diagram,
+    new_figure,
+)
 
 BLUE, RED, GREY, GREEN = (PALETTE[name] for name in ("blue", "vermillion", "grey", "green"))
 
 
-def predictions(elapsed, predicted, targets, alpha, title):
+def predictions(elapsed: ArrayLike, predicted: ArrayLike, targets: Sequence[Any], alpha: float, title: str) -> Figure:
     """Predicted totals of a journey along its time, and what each is moved to. fig-14, fig-15, table-driving
 
     elapsed, predicted, targets: (n,) minutes. Each prediction moves the fraction alpha of the way to its target.
@@ -30,7 +48,7 @@ def predictions(elapsed, predicted, targets, alpha, title):
     return fig
 
 
-def walk_graph(n, right, states=(), names=None):
+def walk_graph(n: int, right: float, states: ArrayLike = (), names: Sequence[Any] | None = None) -> Figure:
     """The random walk as a graph, and the states of one episode in red with the order of visits. fig-16
 
     right: probability of a step to the right. states: the states met, 0 and n + 1 being the ends.
@@ -54,7 +72,10 @@ def walk_graph(n, right, states=(), names=None):
     return fig
 
 
-def error_curves(curves, *, ylabel="RMS error over the states", xlabel="episodes", ylim=(0, 0.26), height=4.4):
+def error_curves(
+    curves: Curves, *, ylabel: str = "RMS error over the states", xlabel: str = "episodes", ylim: Point = (0, 0.26),
+    height: float = 4.4,
+) -> Figure:  # fmt: skip
     """Mean over runs with its standard error; curves: {label: (n_runs, n + 1)}. fig-17, fig-18
 
     A label that starts with "MC" is drawn broken.
@@ -73,7 +94,7 @@ def error_curves(curves, *, ylabel="RMS error over the states", xlabel="episodes
     return fig
 
 
-def estimates_against_truth(truth, estimates, title):
+def estimates_against_truth(truth: ArrayLike, estimates: Curves, title: str) -> Figure:
     """Estimates of several methods beside the true values; estimates: {label: (S,)}. fig-18"""
     fig, ax = new_figure(height=3.8)
     x = np.arange(1, truth.size + 1)
@@ -86,7 +107,7 @@ def estimates_against_truth(truth, estimates, title):
     return fig
 
 
-def predictor_graph(p_b, p_one, values):
+def predictor_graph(p_b: float, p_one: float, values: ArrayLike) -> Figure:
     """Most likely model of the predictor's episodes: A leads to B, B ends with 1 or 0. fig-19
 
     p_b: share of A's transitions that go to B. p_one: share of B's ends with reward 1. values: {label: (V(A), V(B))}.
@@ -104,7 +125,7 @@ def predictor_graph(p_b, p_one, values):
     return fig
 
 
-def cliff_paths(paths, title=""):
+def cliff_paths(paths: Curves, title: str = "") -> Figure:
     """The cliff world with greedy paths; paths: {label: list of states}, drawn with a small offset each. fig-22"""
     fig, ax = new_figure(width=7.2, height=3.0)
     ground = np.full((4, 12), 0.12)
@@ -123,7 +144,7 @@ def cliff_paths(paths, title=""):
     return fig
 
 
-def reward_curves(returns, *, window=10, ylim=(-100, 0), title=""):
+def reward_curves(returns: Curves, *, window: int = 10, ylim: Point = (-100, 0), title: str = "") -> Figure:
     """Sum of rewards per episode, smoothed over `window` episodes; mean and standard error over runs. fig-22
 
     returns: {label: (n_runs, n_episodes)}.
@@ -138,7 +159,7 @@ def reward_curves(returns, *, window=10, ylim=(-100, 0), title=""):
     return fig
 
 
-def value_paths(runs, ends, *, names=("V(A)", "V(B)")):
+def value_paths(runs: Curves, ends: Curves, *, names: Sequence[Any] = ("V(A)", "V(B)")) -> Figure:
     """How pairs of estimates move in the plane; runs: {label: (n, 2)}, ends: {label: point}. cl-047"""
     fig, ax = new_figure(width=5.2, height=4.6)
     for (label, path), colour, line in zip(runs.items(), (RED, BLUE), ("--", "-")):
@@ -152,7 +173,7 @@ def value_paths(runs, ends, *, names=("V(A)", "V(B)")):
     return fig
 
 
-def cliff_step(update, names, title, *, target):
+def cliff_step(update: Any, names: Sequence[Any], title: str, *, target: float) -> Figure:
     """One update of a control method on the cliff: where it is, what it does, which entry changes. fig-20, fig-21
 
     update: rlcore.studies.ch04.Update. names: of the actions. target: what the rule bootstraps from, in words.

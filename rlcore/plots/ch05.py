@@ -1,13 +1,19 @@
 """Figures of chapter 5: eligibility traces."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
-from rlcore.plots.style import CYCLE, PALETTE, arrow, band, new_diagram, new_figure
+from rlcore.core.types import ArrayLike
+from rlcore.plots.style import CYCLE, PALETTE, Curves, Figure, Point, arrow, band, new_diagram, new_figure
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 
 
-def backup_spectrum(steps, weights=None, title=""):
+def backup_spectrum(steps: Sequence[Any], weights: ArrayLike | None = None, title: str = "") -> Figure:
     """Backup diagrams side by side, each a chain of states and actions. om-spectrum-figure, fig-23
 
     steps: how many steps each looks ahead; the last one reaches the end. weights: written under the columns.
@@ -28,7 +34,7 @@ def backup_spectrum(steps, weights=None, title=""):
     return fig
 
 
-def return_weights(weights, lam):
+def return_weights(weights: ArrayLike, lam: float) -> Figure:
     """Weights of the n-step returns in the lambda-return, the complete return in red. fig-24"""
     fig, ax = new_figure(height=3.6)
     n = np.arange(1, weights.size + 1)
@@ -41,7 +47,7 @@ def return_weights(weights, lam):
     return fig
 
 
-def time_line(states, t, heights, title, *, forward):
+def time_line(states: ArrayLike, t: int, heights: ArrayLike, title: str, *, forward: bool) -> Figure:
     """An episode as a row of states; from time t, bars and arcs forward to rewards or back to states. fig-25, fig-27
 
     states: (T + 1,). heights: forward, the effect of R_{t+1} ... R_T on the target, (T - t,); backward, what the states
@@ -70,7 +76,7 @@ def time_line(states, t, heights, title, *, forward):
     return fig
 
 
-def trace_courses(courses, visits, title=""):
+def trace_courses(courses: Curves, visits: ArrayLike, title: str = "") -> Figure:
     """The trace of one state in time, a panel for each kind, its visits marked. fig-26; courses: {kind: (n,)}."""
     fig, axes = new_figure(len(courses), 1, width=6.4, height=5.4, sharex=True, sharey=True)
     for ax, (kind, course), colour in zip(axes, courses.items(), (BLUE, GREEN, RED)):
@@ -84,7 +90,10 @@ def trace_courses(courses, visits, title=""):
     return fig
 
 
-def sweep(curves, *, xlabel="step size α", ylabel="RMS error, first 10 episodes", ylim=(0.23, 0.56), title=""):
+def sweep(
+    curves: Curves, *, xlabel: str = "step size α", ylabel: str = "RMS error, first 10 episodes",
+    ylim: Point = (0.23, 0.56), title: str = "",
+) -> Figure:  # fmt: skip
     """Error against step size, one curve a setting, with its standard error; curves: {label: (x, (n_x, n_runs))}.
 
     ex-random-walk-19, alg-n-step-online
@@ -104,7 +113,7 @@ def sweep(curves, *, xlabel="step size α", ylabel="RMS error, first 10 episodes
     return fig
 
 
-def cut_histogram(cuts, title):
+def cut_histogram(cuts: ArrayLike, title: str) -> Figure:
     """How many steps a trace grows before an exploratory action cuts it. fig-29"""
     fig, ax = new_figure(height=3.4)
     length = np.minimum(cuts, 30)

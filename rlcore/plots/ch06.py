@@ -1,14 +1,23 @@
 """Figures of chapter 6: neural networks."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
 import numpy as np
 
-from rlcore.plots.style import PALETTE, arrow, band, circle, heatmap, new_diagram, new_figure
+from rlcore.core.types import ArrayLike
+from rlcore.plots.style import PALETTE, Curves, Figure, Point, arrow, band, circle, heatmap, new_diagram, new_figure
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 MOST = 10  # neurons of a layer that are drawn one by one
 
 
-def network_diagram(sizes, *, weights=None, names=None, values=None, lit=(), brackets=False, title=""):
+def network_diagram(
+    sizes: Sequence[int], *, weights: ArrayLike | None = None, names: Mapping[int, Sequence[str]] | None = None,
+    values: ArrayLike | None = None, lit: Iterable[Any] = (), brackets: bool = False, title: str = "",
+) -> Figure:  # fmt: skip
     """A feedforward network as circles and lines. fig-30, fig-32, fig-45, fig-47, fig-56
 
     sizes: neurons of each layer, input first; of a layer with more than 10 the middle is left out. weights: list of
@@ -47,7 +56,9 @@ def network_diagram(sizes, *, weights=None, names=None, values=None, lit=(), bra
     return fig
 
 
-def activation(curves, x=None, *, xlabel="z", title="", ylim=None):
+def activation(
+    curves: Curves, x: ArrayLike | None = None, *, xlabel: str = "z", title: str = "", ylim: Point | None = None
+) -> Figure:
     """Activation functions and their derivatives; curves: {label: (x, y)}; x: a marked input. fig-33, fig-34"""
     fig, ax = new_figure(height=3.6)
     for label, (at, y) in curves.items():
@@ -59,7 +70,7 @@ def activation(curves, x=None, *, xlabel="z", title="", ylim=None):
     return fig
 
 
-def gradient_norms(depths, norms):
+def gradient_norms(depths: ArrayLike, norms: Curves) -> Figure:
     """Norm of the gradient that reaches the first of several layers; norms: {label: (n_depths, n_nets)}. fig-34"""
     fig, ax = new_figure(height=3.8)
     for label, values in norms.items():
@@ -71,7 +82,9 @@ def gradient_norms(depths, norms):
     return fig
 
 
-def function_plot(x, y, title="", *, inset=None):
+def function_plot(
+    x: ArrayLike, y: ArrayLike, title: str = "", *, inset: tuple[ArrayLike, ArrayLike] | None = None
+) -> Figure:
     """A function on an interval, with the same on a wider one inside. fig-35; x, y: (n,); inset: (x, y)."""
     fig, ax = new_figure()
     ax.plot(x, y)
@@ -83,7 +96,7 @@ def function_plot(x, y, title="", *, inset=None):
     return fig
 
 
-def hidden_neuron(x, y, w, b):
+def hidden_neuron(x: ArrayLike, y: ArrayLike, w: ArrayLike, b: ArrayLike) -> Figure:
     """Output of one hidden neuron against its input, with the centre of its step. fig-36 to fig-41"""
     fig, ax = new_figure(height=3.4)
     ax.plot(x, y)
@@ -98,7 +111,7 @@ def hidden_neuron(x, y, w, b):
     return fig
 
 
-def step_places(w, b, s):
+def step_places(w: ArrayLike, b: ArrayLike, s: ArrayLike) -> Figure:
     """Map of s = -b/w over weights and biases. fig-41; w: (n,), b: (m,), s: (m, n)."""
     fig, ax = new_figure(height=4.0)
     image = ax.pcolormesh(w, b, np.clip(s, 0, 1), cmap="cividis", shading="nearest")
@@ -110,7 +123,7 @@ def step_places(w, b, s):
     return fig
 
 
-def weighted_output(x, y, steps, weights):
+def weighted_output(x: ArrayLike, y: ArrayLike, steps: Sequence[Any], weights: ArrayLike) -> Figure:
     """What two step neurons add up to, weighted. fig-42, fig-43, fig-44; steps, weights: of the two."""
     fig, ax = new_figure(height=3.4)
     ax.plot(x, y, color=BLUE, ls="-")
@@ -121,7 +134,7 @@ def weighted_output(x, y, steps, weights):
     return fig
 
 
-def approximation(x, f, networks, title=""):
+def approximation(x: ArrayLike, f: ArrayLike, networks: Curves, title: str = "") -> Figure:
     """A function and what networks make of it; networks: {label: (n,)}. fig-46, ex-universal"""
     fig, ax = new_figure(height=4.0)
     ax.plot(x, f, color=BLACK, ls="-", lw=1.4, label="f(x) = cos² x + x")
@@ -132,7 +145,7 @@ def approximation(x, f, networks, title=""):
     return fig
 
 
-def errors_by_size(n, errors):
+def errors_by_size(n: int, errors: ArrayLike) -> Figure:
     """Largest error against the number of bumps, on log axes; errors: {label: (n,)}. fig-46, cl-091"""
     fig, ax = new_figure(height=3.8)
     for label, values in errors.items():
@@ -143,7 +156,7 @@ def errors_by_size(n, errors):
     return fig
 
 
-def decision(surface, points, labels, title=""):
+def decision(surface: ArrayLike, points: ArrayLike, labels: Sequence[Any], title: str = "") -> Figure:
     """Output of a network over two inputs, with examples. fig-32; surface: (n, n) over [0, 1]^2; points: (m, 2)."""
     fig, ax = new_figure(width=5.4, height=4.4)
     image = ax.imshow(surface, origin="lower", extent=(0, 1, 0, 1), cmap="cividis", vmin=0, vmax=1)
@@ -155,7 +168,7 @@ def decision(surface, points, labels, title=""):
     return fig
 
 
-def digit(image, output, label):
+def digit(image: ArrayLike, output: ArrayLike, label: str) -> Figure:
     """One digit, and what the network says of it. fig-31, fig-47; image: (28, 28); output: (10,)."""
     fig, (left, right) = new_figure(1, 2, width=6.6, height=2.8, width_ratios=[1, 1.6])
     heatmap(left, image, fmt=None, cmap="Greys")
@@ -166,7 +179,9 @@ def digit(image, output, label):
     return fig
 
 
-def training_curves(curves, *, ylabel, xlabel="epoch", log=False, ylim=None):
+def training_curves(
+    curves: Curves, *, ylabel: str, xlabel: str = "epoch", log: bool = False, ylim: Point | None = None
+) -> Figure:
     """One line a run, or a mean with its spread; curves: {label: (n_runs, n)}. fig-47, cl-085, cl-098"""
     fig, ax = new_figure(height=3.8)
     for label, values in curves.items():
@@ -178,7 +193,7 @@ def training_curves(curves, *, ylabel, xlabel="epoch", log=False, ylim=None):
     return fig
 
 
-def descent_1d(v, C, slope, path, title=""):
+def descent_1d(v: ArrayLike, C: ArrayLike, slope: ArrayLike, path: ArrayLike, title: str = "") -> Figure:
     """A cost of one parameter, its derivative, and the steps of a descent. fig-48, ex-one-dim"""
     fig, ax = new_figure(height=3.8)
     ax.plot(v, C, color=BLUE, ls="-", label="cost")
@@ -191,7 +206,7 @@ def descent_1d(v, C, slope, path, title=""):
     return fig
 
 
-def flow():
+def flow() -> Figure:
     """From an image through the network to a cost. fig-31"""
     fig, ax = new_diagram((-0.8, 10.6), (-1.4, 1.4), width=7.2)
     for x, text in ((0, "x"), (3, "network\nw, b"), (6.2, "a(x)"), (9.6, "cost\nC(w, b)")):

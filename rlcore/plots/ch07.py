@@ -1,13 +1,16 @@
 """Figures of chapter 7: policy gradients."""
 
+from __future__ import annotations
+
 import numpy as np
 
-from rlcore.plots.style import PALETTE, band, new_figure
+from rlcore.core.types import ArrayLike
+from rlcore.plots.style import PALETTE, Curves, Figure, Point, band, new_figure
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 
 
-def corridor_ascent(p, J, path, best, title=""):
+def corridor_ascent(p: ArrayLike, J: ArrayLike, path: ArrayLike, best: float, title: str = "") -> Figure:
     """J of the short corridor against the probability of going right, and the steps of an ascent. fig-49
 
     p, J: (n,). path: (m,) probabilities that the ascent goes through. best: the best p.
@@ -21,7 +24,7 @@ def corridor_ascent(p, J, path, best, title=""):
     return fig
 
 
-def slope_against_differences(x, J, at, slope, title=""):
+def slope_against_differences(x: ArrayLike, J: ArrayLike, at: Point, slope: float, title: str = "") -> Figure:
     """J along one parameter, and the exact gradient as its tangent. fig-50; x, J: (n,); at: a point (x, J)."""
     fig, ax = new_figure(height=3.6)
     ax.plot(x, J, color=BLUE, ls="-", label="J along one parameter")
@@ -39,7 +42,7 @@ def slope_against_differences(x, J, at, slope, title=""):
     return fig
 
 
-def update_bars(updates, title=""):
+def update_bars(updates: Curves, title: str = "") -> Figure:
     """Expected change of each action's preference; updates: {label: (A,)}. fig-51, cl-105"""
     fig, ax = new_figure(height=3.4)
     for k, ((label, values), colour) in enumerate(zip(updates.items(), (BLUE, RED))):
@@ -51,7 +54,9 @@ def update_bars(updates, title=""):
     return fig
 
 
-def returns_by_episode(curves, best, *, ylim=(-90, -5), title="", medians=True):
+def returns_by_episode(
+    curves: Curves, best: float, *, ylim: Point = (-90, -5), title: str = "", medians: bool = True
+) -> Figure:
     """Return of each episode, mean over runs with its standard error, and medians; curves: {label: (n_runs, n)}. fig-53
 
     best: dashed line. Smoothed over 10 episodes.
@@ -70,7 +75,7 @@ def returns_by_episode(curves, best, *, ylim=(-90, -5), title="", medians=True):
     return fig
 
 
-def gradient_histograms(estimates, title=""):
+def gradient_histograms(estimates: Curves, title: str = "") -> Figure:
     """Distribution of single-episode gradient estimates, means marked; estimates: {label: (n,)}. fig-54"""
     fig, ax = new_figure(height=3.8)
     edges = np.linspace(-60, 60, 121)
@@ -83,7 +88,7 @@ def gradient_histograms(estimates, title=""):
     return fig
 
 
-def two_rules(d, soft, greedy):
+def two_rules(d: ArrayLike, soft: ArrayLike, greedy: ArrayLike) -> Figure:
     """Probability of the second action against the difference of the values. ex-eps-greedy-jump; all (n,)."""
     fig, ax = new_figure(height=3.4)
     ax.plot(d, soft, color=BLUE, ls="-", label="softmax")
@@ -98,7 +103,7 @@ def two_rules(d, soft, greedy):
     return fig
 
 
-def bluff_paths(paths):
+def bluff_paths(paths: Curves) -> Figure:
     """How often to bluff and how often to call, while both learn; paths: {label: (n, 2)}. ex-bluff, cl-102"""
     fig, ax = new_figure(width=5.2, height=4.4)
     for (label, path), colour, line in zip(paths.items(), (BLUE, RED), ("-", ":")):
@@ -109,7 +114,7 @@ def bluff_paths(paths):
     return fig
 
 
-def steps_balanced(blocks, *, block=20, solved=195, title=""):
+def steps_balanced(blocks: Curves, *, block: int = 20, solved: float = 195, title: str = "") -> Figure:
     """Steps on the pole, mean over seeds and the middle half of them; blocks: {label: (seeds, blocks)}, mean length of
     each `block` episodes. fig-56
     """

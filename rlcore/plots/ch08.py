@@ -1,16 +1,24 @@
 """Figures of chapter 8: from labels to proximal policy optimisation."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.ticker import FixedLocator
 
-from rlcore.plots.style import PALETTE, arrow, band, box, new_figure
+from rlcore.core.types import ArrayLike, Floats
+from rlcore.plots.style import PALETTE, Curves, Figure, Point, arrow, band, box, new_figure
 
 BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion", "green", "grey", "black"))
 LINES = ("-", "--", ":", "-.")
 SYMLOG_TICKS = np.array([-30, -10, -3, -1, -0.5, 0, 0.5, 1])
 
 
-def log_probability_step(screen, names, before, after, put, title=""):
+def log_probability_step(
+    screen: ArrayLike, names: Sequence[Any], before: ArrayLike, after: ArrayLike, put: ArrayLike, title: str = ""
+) -> Figure:
     """A screen, the network, and the log probabilities of the actions before and after one step. fig-57, ex-up-down
 
     screen: (rows, columns). names: of the actions. before, after: (A,) log probabilities. put: (A,), the gradient that
@@ -39,7 +47,10 @@ def log_probability_step(screen, names, before, after, put, title=""):
     return fig
 
 
-def progress(x, curves, xlabel, ylabel, *, ylim=None, level=None, logx=False, title=""):
+def progress(
+    x: ArrayLike, curves: Curves, xlabel: str, ylabel: str, *, ylim: Point | None = None,
+    level: tuple[float, str] | None = None, logx: bool = False, title: str = "",
+) -> Figure:  # fmt: skip
     """Lines over x with the spread over runs; curves: {label: (n,) or (n_runs, n)}. cl-117, ex-netflix
 
     level: (height, text) of a dashed line.
@@ -55,7 +66,7 @@ def progress(x, curves, xlabel, ylabel, *, ylim=None, level=None, logx=False, ti
     return fig
 
 
-def catch_rates(rates, *, width=200):
+def catch_rates(rates: Curves, *, width: int = 200) -> Figure:
     """Share of the balls that are caught, each seed and the mean; rates: {label: (n_seeds, n_episodes)}. ex-collapse
 
     Each point is the mean of `width` episodes.
@@ -74,7 +85,7 @@ def catch_rates(rates, *, width=200):
     return fig
 
 
-def two_distances(theta, kls):
+def two_distances(theta: ArrayLike, kls: Curves) -> Figure:
     """The same step of the parameter from several starts, on the policy and as KL; theta, kls: (n,). ex-distance"""
     fig, (left, right) = new_figure(1, 2, width=7.4, height=3.6)
     line = np.linspace(-1, theta[-1] + 2, 200)
@@ -94,7 +105,10 @@ def two_distances(theta, kls):
     return fig
 
 
-def two_searches(f, paths, radii, *, xlim=(-1.7, 1.7), ylim=(-0.8, 2.2)):
+def two_searches(
+    f: Callable[[Floats], ArrayLike], paths: Curves, radii: ArrayLike, *, xlim: Point = (-1.7, 1.7),
+    ylim: Point = (-0.8, 2.2),
+) -> Figure:  # fmt: skip
     """Contours of f with the paths of a line search and of a trust region. alg-line-search, alg-trust-region
 
     f: of arrays x, y. paths: {label: (n, 2)}, the last one that of the trust region. radii: (n,) of its steps.
@@ -114,7 +128,7 @@ def two_searches(f, paths, radii, *, xlim=(-1.7, 1.7), ylim=(-0.8, 2.2)):
     return fig
 
 
-def minorize(theta, performance, bounds, path, title=""):
+def minorize(theta: ArrayLike, performance: ArrayLike, bounds: Curves, path: ArrayLike, title: str = "") -> Figure:
     """Performance along one parameter, a bound for each step, and where each leads. fig-58, ex-mm, alg-mm
 
     theta, performance: (n,). bounds: (k, n), the last one drawn strongest. path: (k + 1,) parameters.
@@ -138,7 +152,7 @@ def minorize(theta, performance, bounds, path, title=""):
     return fig
 
 
-def kl_by_scale(scales, kls, target):
+def kl_by_scale(scales: ArrayLike, kls: Curves, target: float) -> Figure:
     """KL of one update against the scale of the rewards, a line for each rule; kls: {label: (n,)}. ex-beta, cl-130"""
     fig, ax = new_figure(height=3.8)
     for (label, values), colour, line, mark in zip(kls.items(), (RED, BLUE, GREEN), LINES, "os^"):
@@ -150,7 +164,7 @@ def kl_by_scale(scales, kls, target):
     return fig
 
 
-def kl_and_beta(runs, target):
+def kl_and_beta(runs: Curves, target: float) -> Figure:
     """Mean KL and coefficient of each update, one line a rule; runs: {label: Steps}. cl-127, cl-131"""
     fig, (top, bottom) = new_figure(2, 1, height=4.8, sharex=True)
     for (label, run), colour, line in zip(runs.items(), (RED, BLUE, GREEN), LINES):
@@ -164,7 +178,9 @@ def kl_and_beta(runs, target):
     return fig
 
 
-def clip_term(ratio, unclipped, clipped, at, epsilon, title=""):
+def clip_term(
+    ratio: ArrayLike, unclipped: ArrayLike, clipped: ArrayLike, at: Sequence[float], epsilon: float, title: str = ""
+) -> Figure:
     """One term of the clipped objective against the ratio, and its slope at one ratio. fig-59, fig-60, ex-clip-cases
 
     ratio, unclipped, clipped: (n,), the two terms of the minimum. at: (ratio, value, slope). Shaded: where the
@@ -191,7 +207,7 @@ def clip_term(ratio, unclipped, clipped, at, epsilon, title=""):
     return fig
 
 
-def returns_and_kl(curves, *, top=500, title=""):
+def returns_and_kl(curves: Curves, *, top: int = 500, title: str = "") -> Figure:
     """Return and KL of each rollout; curves: {label: dict of (n,) low, mean, high, kl, largest_kl of the seeds}. fig-61
 
     Bands: from the lowest to the highest seed; from the median to the largest KL.
@@ -207,7 +223,10 @@ def returns_and_kl(curves, *, top=500, title=""):
     return fig
 
 
-def by_setting(runs, xlabel, *, marks=None, mark_label="", linear=None, height=4.4, title=""):
+def by_setting(
+    runs: Curves, xlabel: str, *, marks: Curves | None = None, mark_label: str = "", linear: float | None = None,
+    height: float = 4.4, title: str = "",
+) -> Figure:  # fmt: skip
     """Each run as a dot, a row for each setting, means as bars; runs: {label: (n,)}. fig-61, cl-138, cl-143
 
     marks: one more value for each setting, such as the published one. linear: beyond +-linear the scale is logarithmic.
@@ -230,7 +249,7 @@ def by_setting(runs, xlabel, *, marks=None, mark_label="", linear=None, height=4
     return fig
 
 
-def days_of_learning(days, title=""):
+def days_of_learning(days: Curves, title: str = "") -> Figure:
     """How long each amount of experience takes at one rate, on a logarithmic scale; days: {label: number}. ex-dota"""
     fig, ax = new_figure(height=4.0)
     y = np.arange(len(days))[::-1]

@@ -1,14 +1,19 @@
 """The figure of the front page."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.bellman import greedy_actions, q_from_v
-from rlcore.plots.style import PALETTE, heatmap, new_figure, text_colour
+from rlcore.core.results import Solution
+from rlcore.core.types import Cell
+from rlcore.mdp import FiniteMDP
+from rlcore.plots.style import PALETTE, Figure, heatmap, new_figure, text_colour
 
 ARROWS = {"up": (0, -1), "down": (0, 1), "right": (1, 0), "left": (-1, 0)}
 
 
-def front_page(mdp, solution, sweep, shape):
+def front_page(mdp: FiniteMDP, solution: Solution, sweep: int, shape: Cell) -> Figure:
     """Values of a grid after some sweeps, as numbers and colours, with an arrow for each best move of a lookahead."""
     V = solution.history[sweep]
     fig, ax = new_figure(width=5.0, height=5.0)

@@ -7,20 +7,28 @@ end of the cell, and the compared text is ``<Figure size 600x360 with 1 Axes>``.
 frames neither pile up nor show a second time. ``plots.use_style()`` stands in the first code cell.
 """
 
+from __future__ import annotations
+
 import io
 import re
 import sys
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from rlcore.core.extras import extra
+from rlcore.core.types import ArrayLike
 
 with extra("plots"):
     import matplotlib as mpl
     import matplotlib.figure
     import matplotlib.pyplot as plt
     from cycler import cycler
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
 
 # Okabe and Ito's colours (2008), the pale ones darkened: each has a contrast of 3:1 or more on white.
@@ -67,8 +75,11 @@ STYLE = {
     "ytick.labelsize": 12,
 }
 
+Point: TypeAlias = tuple[float, float]
+Curves: TypeAlias = Mapping[Any, Any]  # {label: what is drawn under it}
 
-def use_style():
+
+def use_style() -> None:
     """Set the book's look for every figure from here on, and sharp PNG of a fixed size in a notebook."""
     mpl.rcParams.update(STYLE)
     if "ipykernel" in sys.modules:
@@ -85,12 +96,16 @@ class Figure(mpl.figure.Figure):
         raise NotImplementedError  # IPython goes on in its usual way
 
 
-def new_figure(nrows=1, ncols=1, *, width=WIDTH, height=HEIGHT, **subplots):
+def new_figure(
+    nrows: int = 1, ncols: int = 1, *, width: float = WIDTH, height: float = HEIGHT, **subplots: Any
+) -> tuple[Figure, Any]:
     """Return (figure, axes) as ``plt.subplots`` does, in the book's size; width and height in inches."""
     return plt.subplots(nrows, ncols, figsize=(width, height), FigureClass=Figure, **subplots)
 
 
-def new_diagram(xlim, ylim, *, width=WIDTH, height=None):
+def new_diagram(
+    xlim: tuple[float, float], ylim: tuple[float, float], *, width: float = WIDTH, height: float | None = None
+) -> tuple[Figure, Axes]:
     """Return (figure, axes) for a drawing: equal units, no frame, xlim and ylim in the drawing's own units."""
     height = width * (ylim[1] - ylim[0]) / (xlim[1] - xlim[0]) if height is None else height
     fig, ax = new_figure(width=width, height=height)
@@ -99,7 +114,7 @@ def new_diagram(xlim, ylim, *, width=WIDTH, height=None):
     return fig, ax
 
 
-def band(ax, x, mean, spread, label, **line):
+def band(ax: Axes, x: ArrayLike, mean: ArrayLike, spread: ArrayLike, label: str, **line: Any) -> Line2D:
     """Draw a curve and its spread; spread: (n,) for mean +- spread, or (2, n) for low and high. Returns the line."""
     mean, spread = np.asarray(mean, float), np.asarray(spread, float)
     low, high = spread if spread.ndim == 2 else (mean - spread, mean + spread)
@@ -108,14 +123,17 @@ def band(ax, x, mean, spread, label, **line):
     return curve
 
 
-def text_colour(background):
+def text_colour(background: Any) -> str:
     """Black or white, whichever has the higher contrast on the background colour."""
     rgb = np.array(mpl.colors.to_rgb(background))
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     return "white" if linear @ [0.2126, 0.7152, 0.0722] < 0.179 else "black"
 
 
-def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None, vmax=None, fontsize=11):
+def heatmap(
+    ax: Axes, values: ArrayLike, *, fmt: str | None = "{:.1f}", labels: Sequence[Sequence[str]] | None = None,
+    cmap: str = "cividis", vmin: float | None = None, vmax: float | None = None, fontsize: float = 11,
+) -> QuadMesh:  # fmt: skip
     """Draw a matrix as coloured cells, each with its number; NaN is a grey wall without text.
 
     Row i, column j is centred at x = j, y = i, first row on top.
@@ -141,7 +159,10 @@ def heatmap(ax, values, *, fmt="{:.1f}", labels=None, cmap="cividis", vmin=None,
     return image
 
 
-def box(ax, xy, text="", *, width=2.0, height=1.0, face=PALETTE["light"], edge=PALETTE["black"], **font):
+def box(
+    ax: Axes, xy: Point, text: str = "", *, width: float = 2.0, height: float = 1.0, face: str = PALETTE["light"],
+    edge: str = PALETTE["black"], **font: Any,
+) -> None:  # fmt: skip
     """Draw a rounded box centred at xy with its text."""
     corner = (xy[0] - width / 2, xy[1] - height / 2)
     style = f"round,pad=0,rounding_size={0.15 * min(width, height)}"
@@ -149,13 +170,19 @@ def box(ax, xy, text="", *, width=2.0, height=1.0, face=PALETTE["light"], edge=P
     ax.text(*xy, text, ha="center", va="center", color=text_colour(face), zorder=3, **font)
 
 
-def circle(ax, xy, text="", *, radius=0.4, face="white", edge=PALETTE["black"], **font):
+def circle(
+    ax: Axes, xy: Point, text: str = "", *, radius: float = 0.4, face: str = "white", edge: str = PALETTE["black"],
+    **font: Any,
+) -> None:  # fmt: skip
     """Draw a circle at xy: white for a state, filled with edge's colour (face=edge) for an action."""
     ax.add_patch(Circle(xy, radius, fc=face, ec=edge, lw=1.8, zorder=2))
     ax.text(*xy, text, ha="center", va="center", color=text_colour(face), zorder=3, **font)
 
 
-def arrow(ax, start, end, text="", *, curve=0.0, colour=PALETTE["black"], line="-", at=0.5, offset=(0.0, 0.0), **font):
+def arrow(
+    ax: Axes, start: ArrayLike, end: ArrayLike, text: str = "", *, curve: float = 0.0, colour: str = PALETTE["black"],
+    line: str = "-", at: float = 0.5, offset: Point = (0.0, 0.0), **font: Any,
+) -> None:  # fmt: skip
     """Draw an arrow from start to end, bent by curve (a fraction of its length, to the left of travel).
 
     text stands on a white ground at the fraction ``at`` of the way, moved by ``offset`` in the drawing's units.
@@ -170,7 +197,7 @@ def arrow(ax, start, end, text="", *, curve=0.0, colour=PALETTE["black"], line="
         ax.text(x, y, text, ha="center", va="center", color=colour, bbox=ground, zorder=1.5, **font)
 
 
-def encode(fig, fmt="svg", *, dpi=150):
+def encode(fig: Any, fmt: str = "svg", *, dpi: int = 150) -> tuple[str, bytes]:
     """Return (mime type, bytes) of a figure and close it: SVG with real text, or PNG of 256 colours.
 
     The same figure gives the same bytes. fmt: "svg", or "png" for pictures with very many points.

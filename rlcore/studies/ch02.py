@@ -1,5 +1,7 @@
 """What chapter 2 measures once."""
 
+from __future__ import annotations
+
 import time
 from dataclasses import replace
 from math import comb
@@ -9,9 +11,11 @@ import numpy as np
 from rlcore.bellman import optimality_backup
 from rlcore.core.checks import as_integers, check_count, check_finite, check_positive, show, spaces
 from rlcore.core.learner import learner, log, note, prediction
+from rlcore.core.results import Run
 from rlcore.core.rules import checked, count, rules
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at
+from rlcore.core.types import ArrayLike, Floats, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP
@@ -19,7 +23,7 @@ from rlcore.td import td_error
 
 
 @checked
-def backups_per_second(mdp, gamma=0.9):
+def backups_per_second(mdp: FiniteMDP, gamma: float = 0.9) -> float:
     """State values that value iteration computes in a second on this machine, one core. ex-backgammon"""
     value_iteration(mdp, gamma, tol=1.0)  # compiles
     start = time.perf_counter()
@@ -35,7 +39,7 @@ def _club(name, club, given):
 
 
 @checked(club=_club)
-def best_with_club(mdp, Q, club):
+def best_with_club(mdp: FiniteMDP, Q: ArrayLike, club: str) -> Floats:
     """max of Q over the actions of one club, (S,): q(s, club). eq-14, fig-5
 
     Q: (S, A). club: the first word of the action's name, "putter" or "driver". -inf where the club has no legal shot.
@@ -45,7 +49,7 @@ def best_with_club(mdp, Q, club):
 
 
 @checked
-def putting_values(mdp, n_sweeps):
+def putting_values(mdp: FiniteMDP, n_sweeps: int) -> Floats:
     """Sweeps of (16) where some states may never reach the end: history (n_sweeps + 1, S). ex-golf-putter
 
     V_k is the best return of k strokes. In a state from which the hole cannot be reached it falls by 1 in each sweep,
@@ -58,7 +62,7 @@ def putting_values(mdp, n_sweeps):
 
 
 @checked
-def free_last_stroke(mdp):
+def free_last_stroke(mdp: FiniteMDP) -> FiniteMDP:
     """The same process, but the stroke that reaches the hole costs nothing (the document's wording). ex-golf-putter"""
     reward = np.where(mdp.terminal[mdp.next_state], 0.0, mdp.reward)
     names = (mdp.state_names, mdp.action_names)
@@ -79,14 +83,14 @@ def _few_cells(name, cols, given):
 
 
 @checked(rows=count(), cols=_few_cells)
-def board_states(rows, cols):
+def board_states(rows: int, cols: int) -> int:
     """Boards that two players who move in turn can fill, wins left aside: sum over k of C(n, k) C(k, k // 2). cl-023"""
     n = rows * cols
     return sum(comb(n, k) * comb(k, k // 2) for k in range(n + 1))
 
 
 @checked(**rules(check_positive, "n_states per_second n_bytes"))
-def cost_of_a_sweep(n_states, per_second=1e9, n_bytes=8):
+def cost_of_a_sweep(n_states: float, per_second: float = 1e9, n_bytes: float = 8) -> tuple[float, float]:
     """(years, bytes): time of one backup of every state, and memory for one number a state. ex-backgammon"""
     return n_states / per_second / SECONDS_PER_YEAR, n_states * n_bytes
 
@@ -109,7 +113,10 @@ def _spread(given, w, *more):
 
 
 @learner(_spread, groups=_shared, w0=check_finite)
-def td0_groups(world, pi, gamma, n_episodes, *, groups, alpha, w0=0.0, max_steps=None, record=0, rng):
+def td0_groups(
+    world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, groups: ArrayLike, alpha: Rate, w0: float = 0.0,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+) -> Run:  # fmt: skip
     """TD(0) with state aggregation: states of one group share one value. ex-tabular
 
     groups: (S,) integers from 0. w0: the first value of all. Others, and the Run, whose weights are the values of the

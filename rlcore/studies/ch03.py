@@ -1,6 +1,9 @@
 """What chapter 3 does once: whole trajectories, listed; where updates are spent; a pole balanced without a model."""
 
+from __future__ import annotations
+
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +13,8 @@ from rlcore.core.compiled import compiled
 from rlcore.core.results import Run
 from rlcore.core.rules import checked, choice, count, function_of
 from rlcore.core.sampling import draw, step
-from rlcore.mdp import discounted_returns
+from rlcore.core.types import ArrayLike, Floats, Ints, Rng
+from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.neurons import softmax
 from rlcore.policies import epsilon_greedy, max_value
 
@@ -30,7 +34,7 @@ def _taken(name, actions, given):
 
 
 @checked(states=_visited, actions=_taken)
-def trajectory_probability(mdp, pi, states, actions):
+def trajectory_probability(mdp: FiniteMDP, pi: ArrayLike, states: ArrayLike, actions: ArrayLike) -> float:
     """p(s_1, a_1, ..., s_T, a_T): start, then policy and dynamics in turn; no dynamics after a_T. eq-u-traj-prob
 
     states, actions: (T,) each.
@@ -52,7 +56,7 @@ def _few_steps(name, T, given):
 
 
 @checked(T=_few_steps)
-def trajectories(mdp, pi, T):
+def trajectories(mdp: FiniteMDP, pi: ArrayLike, T: int) -> tuple[Ints, Ints, Floats]:
     """Every trajectory of T states and actions: states (n, T), actions (n, T), probabilities (n,). fig-8"""
     states = np.array(list(itertools.product(range(mdp.n_states), repeat=T)))
     actions = np.array(list(itertools.product(range(mdp.n_actions), repeat=T)))
@@ -60,7 +64,7 @@ def trajectories(mdp, pi, T):
     return states, actions, np.array([trajectory_probability.unchecked(mdp, pi, *tau) for tau in zip(states, actions)])
 
 
-def objective(mdp, pi, T):
+def objective(mdp: FiniteMDP, pi: ArrayLike, T: int) -> float:
     """Expected sum of T rewards, by enumeration of every trajectory. eq-u-objective, fig-8"""
     states, actions, prob = trajectories(mdp, pi, T)
     return float(prob @ mdp.expected_reward()[states, actions].sum(axis=1))  # eq-u-objective
@@ -76,7 +80,9 @@ class Updates:
 
 
 @checked(where=choice("trajectory", "uniform"), record=count())
-def spread_updates(mdp, gamma, n_updates, *, where, epsilon=0.1, record=1, rng):
+def spread_updates(
+    mdp: FiniteMDP, gamma: float, n_updates: int, *, where: str, epsilon: float = 0.1, record: int = 1, rng: Rng
+) -> Updates:
     """n_updates backups (17), each of one pair, with the choice of pairs as the only difference. cl-022
 
     where: "trajectory" updates the pairs that an epsilon-greedy agent meets, from the start state to the end and again;
@@ -126,7 +132,11 @@ def _divisors(name, scale, given):
     start=function_of("rng="), step=function_of("(x, a)"), alive=function_of("x"), alpha=check_positive,
     scale=_divisors,
 )  # fmt: skip
-def reinforce_linear(start, step, alive, n_actions, gamma, n_episodes, *, alpha, scale=1.0, max_steps=200, rng):
+def reinforce_linear(
+    start: Callable[..., Floats], step: Callable[[Floats, int], Floats], alive: Callable[[Floats], bool],
+    n_actions: int, gamma: float, n_episodes: int, *, alpha: float, scale: ArrayLike = 1.0, max_steps: int = 200,
+    rng: Rng,
+) -> Run:  # fmt: skip
     """Policy gradient with a softmax that is linear in the state, returns to go and their mean as baseline. cl-025
 
     start(rng=) -> (d,) first state; step(x, a) -> next state; alive(x) -> whether to go on. Each step pays 1.

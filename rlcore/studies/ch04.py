@@ -1,18 +1,23 @@
 """What chapters 4 and 5 measure: repeated runs, errors, the first updates one by one."""
 
+from __future__ import annotations
+
 from collections import namedtuple
+from collections.abc import Callable
 from copy import deepcopy
+from typing import Any
 
 import numpy as np
 
-from rlcore.batch import episode_pairs
+from rlcore.batch import Episodes, episode_pairs
 from rlcore.core.checks import as_floats, check_count, check_function, check_rng, check_world
 from rlcore.core.rules import anything, array, checked, function_of, rule_of
+from rlcore.core.types import ArrayLike, Floats, Rate, Rng, World
 from rlcore.mdp import FiniteMDP, discounted_returns
 from rlcore.nstep import values_on_the_way
 
 
-def repeat(method, *args, n_runs, rng, **settings):
+def repeat(method: Callable[..., Any], *args: Any, n_runs: int, rng: Rng, **settings: Any) -> list[Any]:
     """n_runs independent runs of method(*args, **settings, rng=...), as a list. fig-17, fig-22
 
     rng: each run gets a child of it.
@@ -32,7 +37,7 @@ def _inner_states(name, truth, given):
 
 
 @checked(V=rule_of(as_floats), truth=_inner_states)
-def walk_error(V, truth):
+def walk_error(V: ArrayLike, truth: ArrayLike) -> Floats:
     """Root mean square error over the n states of a random walk. fig-17, fig-18, ex-random-walk-19
 
     V: (..., n + 2) estimates, the two ends included but not counted; those that diverged give NaN or infinity.
@@ -42,7 +47,7 @@ def walk_error(V, truth):
 
 
 @checked(V=array("S"), episodes=episode_pairs)
-def squared_error(V, episodes, gamma):
+def squared_error(V: ArrayLike, episodes: Episodes, gamma: float) -> float:
     """Sum of (G_t - V(S_t))^2 over all steps of all episodes (Trajectories or pairs of states, rewards). cl-048"""
     total = 0.0
     for states, rewards in episodes:
@@ -55,7 +60,9 @@ Update = namedtuple("Update", "s a s_next old new")
 
 
 @checked(method=function_of("(world, gamma, n_episodes, ...)"), world=check_world, alpha=anything, epsilon=anything)
-def first_updates(method, world, gamma, n_steps, *, alpha, epsilon, rng):
+def first_updates(
+    method: Callable[..., Any], world: World, gamma: float, n_steps: int, *, alpha: float, epsilon: Rate, rng: Rng
+) -> list[Update]:
     """The first n_steps updates of a control method as a list of Update. fig-20, fig-21
 
     The same run is cut after 1, 2, ... steps; what differs is the update. Every update must change its entry.
@@ -74,7 +81,7 @@ def first_updates(method, world, gamma, n_steps, *, alpha, epsilon, rng):
 
 
 @checked
-def with_random_actions(mdp, epsilon):
+def with_random_actions(mdp: FiniteMDP, epsilon: float) -> FiniteMDP:
     """The process in which each chosen action is replaced, with probability epsilon, by one of A(s) at random. fig-22
 
     Its optimal policy is the best that an epsilon-greedy agent can do. Terminal states stay.

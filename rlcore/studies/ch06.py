@@ -1,10 +1,13 @@
 """Pictures of handwritten digits to train a network on (chapter 6)."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from rlcore.core.checks import check_count
 from rlcore.core.extras import extra
 from rlcore.core.rules import checked
+from rlcore.core.types import Floats, Ints, Rng
 
 N_PICTURES = 1797
 
@@ -24,7 +27,7 @@ def _size(name, size, given):
 
 
 @checked(size=_size, n_train=_n_train)
-def load_digits_28(*, size=28, n_train=1500, rng):
+def load_digits_28(*, size: int = 28, n_train: int = 1500, rng: Rng) -> tuple[Floats, Ints, Floats, Ints]:
     """scikit-learn's 1,797 digits of 8x8 pixels, enlarged by bilinear interpolation, in random order. fig-47, ex-digits
 
     size: pixels a side; 8 leaves them as they are. n_train: how many are for training, the others for testing.

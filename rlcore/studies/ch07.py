@@ -1,22 +1,30 @@
 """What chapter 7 does once: the two cart-poles of figure 56, and two players who learn to bluff."""
 
+from __future__ import annotations
+
 from collections import namedtuple
 
 import numpy as np
 
 from rlcore.core.checks import as_floats, check_flag, check_fraction, check_positive, check_probability, show
+from rlcore.core.results import Run
 from rlcore.core.rules import anything, checked, choice, count
 from rlcore.core.samples import probabilities
+from rlcore.core.types import ArrayLike, Floats, Rng
 from rlcore.nn import MLP
 from rlcore.optimizers import Adam
 from rlcore.reinforce import reinforce_network
+from rlcore.studies.tables import Rows
 
 STEPS, WINDOW, ENOUGH = 200, 100, 195
 Runs = namedtuple("Runs", "solved last steps blocks")
 
 
 @checked(baseline=anything, hidden=count(), stop=check_flag)
-def train(n_episodes, *, baseline="time", hidden=16, lr=0.01, gamma=0.99, stop=False, rng):
+def train(
+    n_episodes: int, *, baseline: str = "time", hidden: int = 16, lr: float = 0.01, gamma: float = 0.99,
+    stop: bool = False, rng: Rng,
+) -> Run:  # fmt: skip
     """Run of `reinforce_network` on CartPole-v1, cut at 200 steps: hidden tanh neurons, Adam(lr). fig-56, ex-cartpole
 
     baseline: as there. stop: at the end of the first 100 episodes that average 195, or after n_episodes.
@@ -39,7 +47,7 @@ def _lengths(name, lengths, given):
 
 
 @checked(lengths=_lengths)
-def solved(lengths):
+def solved(lengths: ArrayLike) -> int | None:
     """First of the first 100 episodes that average 195 steps, from 1; None where never. lengths: (n,). fig-56"""
     total = np.append(0, np.cumsum(lengths))
     found = np.flatnonzero(total[WINDOW:] - total[:-WINDOW] >= ENOUGH * WINDOW)
@@ -58,7 +66,7 @@ def _rows(name, rows, given):
 
 
 @checked(rows=_rows, baseline=choice(*BASELINES), hidden=count())
-def runs(rows, *, baseline="time", hidden=16, lr=0.01, gamma=0.99):
+def runs(rows: Rows, *, baseline: str = "time", hidden: int = 16, lr: float = 0.01, gamma: float = 0.99) -> Runs:
     """The table's runs of a setting, n of 1,000 episodes, one a seed. fig-56
 
     rows: of book/data/figure56.csv, as rlcore.tables.read gives them. baseline: "none" for plain REINFORCE. Returns
@@ -87,7 +95,7 @@ def _with_x(name, y, given):
 
 
 @checked(x=probabilities, y=_with_x)
-def bluff_values(x, y):
+def bluff_values(x: ArrayLike, y: ArrayLike) -> Floats:
     """Expected gain of the bettor, who bluffs with probability x while the other calls with probability y. ex-bluff
 
     The pot is 2, the bet 1. The bettor has the better hand half of the time, and then bets; with the worse it bets
@@ -100,13 +108,13 @@ def bluff_values(x, y):
 
 
 @checked(x=probabilities)
-def bluff_guarantee(x):
+def bluff_guarantee(x: ArrayLike) -> Floats:
     """What bluffing with probability x gains against the caller who does best against it. ex-bluff"""
     return np.minimum(bluff_values(x, 0.0), bluff_values(x, 1.0))
 
 
 @checked(x=probabilities, y=_with_x)
-def bluff_gradients(x, y):
+def bluff_gradients(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     """Derivatives of each player's own gain with respect to its preference for bluffing, for calling. ex-bluff
 
     Both are softmax policies of two actions: x = 1 / (1 + exp(-theta)), and y alike.
@@ -120,7 +128,9 @@ def bluff_gradients(x, y):
     x=check_fraction, y=check_fraction, alpha=check_positive, epsilon=check_probability,
     caller=choice("gradient", "best"),
 )  # fmt: skip
-def bluff_learning(x, y, n_steps, *, alpha, epsilon=None, caller="gradient"):
+def bluff_learning(
+    x: float, y: float, n_steps: int, *, alpha: float, epsilon: float | None = None, caller: str = "gradient"
+) -> Floats:
     """Both players learn with exact gradients, the bettor first: (n_steps + 1, 2) probabilities x, y. ex-bluff, cl-102
 
     x, y: start, inside (0, 1). caller: "gradient", or "best" for one who always answers with what is best against x.

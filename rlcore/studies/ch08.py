@@ -1,5 +1,7 @@
 """Learning from labels, and from outcomes in their place: the way from one to the other (chapter 8)."""
 
+from __future__ import annotations
+
 import itertools
 
 import numpy as np
@@ -13,8 +15,10 @@ from rlcore.core.checks import (
     check_positive,
     check_probability,
 )
+from rlcore.core.results import Run
 from rlcore.core.rules import anything, array, checked, count, rules
 from rlcore.core.samples import check_labels, finite_numbers
+from rlcore.core.types import ArrayLike, Flags, Floats, Network, Rng, Rule, World
 from rlcore.distributions import Categorical
 from rlcore.mdp import FiniteMDP
 from rlcore.nn import network
@@ -27,11 +31,11 @@ def _label(name, label, given):
     return check_labels(name, label, outputs.shape[-1], outputs.shape[:-1])
 
 
-LABELLED = dict(net=network, x=finite_numbers, label=_label)
+LABELLED: dict[str, Rule] = dict(net=network, x=finite_numbers, label=_label)
 
 
 @checked(**LABELLED)
-def supervised_logprob_grad(net, x, label):
+def supervised_logprob_grad(net: Network, x: ArrayLike, label: int) -> Floats:
     """Gradient of ln p(label | x) with respect to the network's parameters, (P,). eq-ppo-40, alg-supervised-logprob
 
     net: MLP or TorchNet whose outputs are logits. x: (d,) or (B, d). label: a class, or (B,) of them, which are summed.
@@ -40,7 +44,9 @@ def supervised_logprob_grad(net, x, label):
 
 
 @checked(**LABELLED, weight=check_finite)
-def supervised_logprob_step(net, x, label, lr, *, weight=1.0):
+def supervised_logprob_step(
+    net: Network, x: ArrayLike, label: int, lr: float, *, weight: float = 1.0
+) -> tuple[Floats, Floats]:
     """One ascent step on weight ln p(label | x), theta changed in place; ln p before and after. fig-57, ex-up-down
 
     weight: what is put on the log probability: 1 for the right label, +1 or -1 for a drawn action and its outcome.
@@ -52,7 +58,7 @@ def supervised_logprob_step(net, x, label, lr, *, weight=1.0):
 
 
 @checked(world=anything, features=anything, alpha=anything)
-def episode_outcome_pg(world, n_episodes, *, features, alpha, rng):
+def episode_outcome_pg(world: World, n_episodes: int, *, features: ArrayLike, alpha: float, rng: Rng) -> Run:
     """Gradient of every action of an episode, times +1 or -1 once its outcome is known. alg-pg-plus-minus, ex-outcome
 
     Arguments and result as for `reinforce`, which this is: without discount or baseline, in a world that pays +1 or -1
@@ -70,7 +76,7 @@ def _n_classes(name, A, given):
 
 
 @checked(labels=anything, n_classes=_n_classes)
-def label_bandit(labels, n_classes):
+def label_bandit(labels: ArrayLike, n_classes: int) -> FiniteMDP:
     """Labels (n,) as a process: a picture at random, an action for its class, reward 1 if right, the end. cl-117
 
     State i is picture i, state n the end: features for it are a row to append. alg-supervised-logprob
@@ -82,7 +88,7 @@ def label_bandit(labels, n_classes):
     return FiniteMDP(next_state, np.ones((n + 1, A, 1)), reward, np.ones((n + 1, A), bool), terminal, start)
 
 
-def concept_cards():
+def concept_cards() -> tuple[Floats, Flags, list[str]]:
     """Twelve cards: features (12, 7), whether each is "red or square" (12,), and their names. ex-concept-learning
 
     Features are 0 or 1: circle, square, triangle, red, blue, small, large.
@@ -98,7 +104,7 @@ def concept_cards():
 
 
 @checked(**rules(count(), "n_users n_items rank"))
-def make_ratings(n_users=200, n_items=50, rank=3, *, rng):
+def make_ratings(n_users: int = 200, n_items: int = 50, rank: int = 3, *, rng: Rng) -> Floats:
     """What users think of items, (n_users, n_items): products of normal vectors of `rank` tastes. ex-netflix"""
     return rng.normal(size=(n_users, rank)) @ rng.normal(size=(rank, n_items)) / np.sqrt(rank)
 
@@ -120,7 +126,9 @@ def _items(name, items, given):
 
 
 @checked(ratings=array("U", "I", kind=as_floats), known=_known, items=_items, n_sweeps=count(), penalty=check_positive)
-def factorise(ratings, known, items, *, n_sweeps=20, penalty=0.1):
+def factorise(
+    ratings: ArrayLike, known: ArrayLike, items: ArrayLike, *, n_sweeps: int = 20, penalty: float = 0.1
+) -> tuple[Floats, Floats]:
     """Vectors of users and items whose products fit the known ratings, by alternating least squares. ex-netflix
 
     ratings: (U, I). known: (U, I) bool. items: (I, rank), where to start. penalty: on the squared length of the
@@ -150,7 +158,9 @@ def _least_squares(vectors, seen, known, penalty):
 
 
 @checked(truth=array("U", "I"), n_rounds=count(), epsilon=check_probability, noise=_noise)
-def recommend(truth, n_rounds, *, epsilon, noise=0.3, rng):
+def recommend(
+    truth: ArrayLike, n_rounds: int, *, epsilon: float, noise: float = 0.3, rng: Rng
+) -> tuple[Floats, Floats]:
     """True ratings, means over the users: of what each round shows, and of the best guess after it. ex-netflix
 
     In each round every user is shown one item, the best by prediction or with probability epsilon any, and only that

@@ -1,11 +1,15 @@
 """Figure 61: the published scores, the table of our runs, and how well the two agree (chapter 8)."""
 
+from __future__ import annotations
+
 from collections import namedtuple
 
 import numpy as np
 
 from rlcore.core.checks import as_floats, check_finite, check_index, finite, show
 from rlcore.core.rules import checked
+from rlcore.core.types import ArrayLike, Floats, Rng
+from rlcore.studies.tables import Rows
 
 TASKS = ["HalfCheetah", "Hopper", "InvertedDoublePendulum", "InvertedPendulum", "Reacher", "Swimmer", "Walker2d"]
 
@@ -45,7 +49,7 @@ def _rows(name, rows, given):
 
 
 @checked(rows=_rows)
-def scores(rows):
+def scores(rows: Rows) -> Floats:
     """Score of every run, (11 settings, 7 tasks, n seeds): 0 for the random policy, 1 for the best run of the task.
 
     rows: as `read` gives them. NaN where a run is missing, or the task's random policy. fig-61
@@ -89,7 +93,7 @@ def _of_settings(name, table, given):
 
 
 @checked(table=_table)
-def average(table):
+def average(table: ArrayLike) -> Floats:
     """Mean score of each setting over seeds, then over the tasks that have a run of every setting, (11,). fig-61
 
     table: (11, 7, n seeds) from `scores`. NaN where no such task is.
@@ -99,14 +103,14 @@ def average(table):
 
 
 @checked(table=_table)
-def by_seed(table):
+def by_seed(table: ArrayLike) -> Floats:
     """Mean score of each setting and seed over the tasks that count, (11, n seeds); NaN where one of its runs lacks."""
     whole = table[:, _whole(table)]
     return whole.mean(axis=1) if whole.size else np.full((len(table), table.shape[2]), np.nan)
 
 
 @checked(table=_of_settings)
-def comparison(table):
+def comparison(table: ArrayLike) -> list[Line]:
     """A Line for each setting: published and our score, lowest and highest seed, number of runs, ranks, 1 for the best.
 
     NaN where runs lack. In the order of SETTINGS. fig-61, ex-ppo-table
@@ -139,7 +143,7 @@ def _one_order(name, y, given):
 
 
 @checked(x=_differ, y=_one_order)
-def rank_correlation(x, y):
+def rank_correlation(x: ArrayLike, y: ArrayLike) -> Floats:
     """Spearman's rank correlation of the last axes, equal values sharing their mean rank. fig-61
 
     x: (..., n). y: (n,). Returns (...): 1 for the same order, -1 for the reverse. Source: Spearman (1904).
@@ -152,7 +156,7 @@ def rank_correlation(x, y):
 
 
 @checked(table=_table)
-def bootstrap(table, n, *, rng):
+def bootstrap(table: ArrayLike, n: int, *, rng: Rng) -> Floats:
     """Averages of n tables drawn from this one, (n, 11): its tasks and, within each, the seeds of a setting, with
     replacement. fig-61
 

@@ -1,10 +1,16 @@
 """The tables of runs in book/data: text files with one row a run."""
 
+from __future__ import annotations
+
 import csv
 from pathlib import Path
+from typing import Any, TypeAlias
 
 from rlcore.core.checks import show
 from rlcore.core.rules import checked
+from rlcore.core.types import File
+
+Rows: TypeAlias = list[dict[str, Any]]  # {column: value} each
 
 
 def _path(name, path, given):
@@ -14,7 +20,7 @@ def _path(name, path, given):
 
 
 @checked(path=_path)
-def read(path):
+def read(path: File) -> Rows:
     """Rows of a table of runs, [{column: value}]: numbers as float, None where there is none; [] where no file is.
 
     Lines that begin with # say where the numbers come from. fig-56, fig-61

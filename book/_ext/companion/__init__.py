@@ -1,8 +1,8 @@
 """The Sphinx extension of this book: equation numbers, offline pages, accessibility, generated appendices."""
 
-from companion import accessible, api, equations, ledger, mathematics, offline, repository
+from companion import accessible, api, equations, ledger, listing, mathematics, offline, repository
 
-PARTS = (equations, mathematics, offline, accessible, repository, ledger, api)
+PARTS = (equations, mathematics, offline, accessible, repository, ledger, listing, api)
 
 
 def setup(app):

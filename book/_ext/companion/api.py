@@ -1,4 +1,8 @@
-"""The API page, from the signatures and docstrings of rlcore itself."""
+"""The API page, from the signatures and docstrings of rlcore itself.
+
+Not by sphinx.ext.autodoc: the docstrings are plain text, in which v_*, S_ and |s are symbols, and markup for it; what a
+package gathers or loads late belongs to its page; and each entry of the ledger that a docstring cites is a link here.
+"""
 
 import importlib
 import inspect
@@ -106,8 +110,26 @@ class Api(SphinxDirective):
         if address:
             term += [nodes.Text(" "), ledger.link("source", address)]
         own = thing.__dict__.get("__doc__") if inspect.isclass(thing) else inspect.getdoc(thing)
-        text = inspect.cleandoc(own) if own else ""
-        return nodes.definition_list_item("", term, nodes.definition("", *self.paragraphs(text)))
+        text, sections = split(inspect.cleandoc(own) if own else "")
+        body = self.paragraphs(text)
+        for title, lines in sections:
+            body += SECTIONS[title](self, title, lines)
+        return nodes.definition_list_item("", term, nodes.definition("", *body))
+
+    def described(self, title, lines):
+        """Names or types, each on a line with what is said about it."""
+        found = nodes.line_block("", nodes.line("", "", nodes.strong("", title)), classes=["doc"])
+        for item in re.split(r"\n(?=\S)", "\n".join(lines)):
+            name, _, text = item.partition("\n")
+            found += nodes.line("", "", nodes.literal("", name), nodes.Text(" "), *self.inline(" ".join(text.split())))
+        return [found]
+
+    def prose(self, title, lines):
+        text = self.inline(" ".join(" ".join(lines).split()))
+        return [nodes.line_block("", nodes.line("", "", nodes.strong("", f"{title} "), *text), classes=["doc"])]
+
+    def example(self, title, lines):
+        return [nodes.literal_block("", "\n".join(lines), language="pycon")]
 
     def elsewhere(self, identity, name, home):
         """A name that a module offers and another one defines."""
@@ -164,6 +186,18 @@ class Api(SphinxDirective):
             else:
                 out.append(nodes.Text(word))
         return [*out, nodes.Text(text[at:])]
+
+
+SECTIONS = {
+    "Parameters": Api.described, "Returns": Api.described, "Raises": Api.described,
+    "Notes": Api.prose, "References": Api.prose, "Examples": Api.example,
+}  # fmt: skip
+
+
+def split(text):
+    """What stands before the sections of a docstring, and (title, lines) of each section."""
+    before, *rest = re.split(r"^(Parameters|Returns|Raises|Notes|References|Examples)\n-+\n", text, flags=re.M)
+    return before.strip(), [(title, lines.strip().splitlines()) for title, lines in zip(rest[::2], rest[1::2])]
 
 
 def setup(app):
