@@ -109,7 +109,8 @@ def mc_prediction(
 @learner(prediction)
 def constant_alpha_mc(
     world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, alpha: Rate, V0: ArrayLike = 0.0,
-    first_visit: bool = False, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+    first_visit: bool = False, max_steps: int | None = None, record: int = 0,
+    on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """v_pi by moving V(s) a step towards each return that followed s.
 
@@ -132,8 +133,8 @@ def constant_alpha_mc(
     first_visit : bool
         Only the first visit of a state in each episode counts.
     max_steps : int | None
-        An episode that long is cut, a million steps where None; its returns, like those of a truncated one, go on with the V of the state that it
-        was left in.
+        An episode that long is cut, a million steps where None; its returns, like those of a truncated one, go on with
+        the V of the state that it was left in.
     record : int
         history keeps V before the first and after each record-th episode; 0 keeps none.
     on_episode : OnEpisode | None

@@ -91,8 +91,8 @@ def reinforce(
         Floor of the probabilities; without it large step sizes end in a policy that is all but deterministic, whose
         episodes may never end.
     max_steps : int | None
-        An episode that long is cut, a million steps where None; its returns, like those of a truncated one, go on with v_hat of the state it was
-        left in, and end there where no v_hat is learned.
+        An episode that long is cut, a million steps where None; its returns, like those of a truncated one, go on with
+        v_hat of the state it was left in, and end there where no v_hat is learned.
     record : int
         history keeps theta before the first and after each record-th episode; 0 keeps none.
     on_episode : OnEpisode | None

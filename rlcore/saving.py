@@ -1,8 +1,8 @@
 """Results and agents in files: `save` what a run left, `load` it in another process, and go on.
 
-The format, version 1. A file is a zip archive, which `numpy.load` opens, too: each array is a member `<number>.npy`, and
-`rlcore.json` says what they are. It holds {"format": "rlcore", "version": 1, "content": node}. A node is null, true,
-false, a number, a string, or one of
+The format, version 1. A file is a zip archive, which `numpy.load` opens, too: each array is a member `<number>.npy`,
+and `rlcore.json` says what they are. It holds {"format": "rlcore", "version": 1, "content": node}. A node is null,
+true, false, a number, a string, or one of
     {"list": [node, ...]}, {"tuple": [node, ...]}, {"dict": [[node, node], ...]}
     {"array": number}                     of the member that holds it
     {"kind": name, "fields": {name: node}}  an object, whose class is one of KINDS or, a generator, of numpy.random

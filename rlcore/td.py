@@ -189,7 +189,8 @@ def _of_behaviour(given, Q, *more):
 @learner(_of_behaviour, epsilon=anything, pi=_behaviour)
 def sarsa(
     world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate | None = None,
-    pi: ArrayLike | None = None, Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+    pi: ArrayLike | None = None, Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0,
+    on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """SARSA: Q(s, a) moves towards r + gamma Q(s', a') of the action a' that is taken next.
 

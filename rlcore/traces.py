@@ -184,7 +184,8 @@ def credit(table: Floats, e: Floats, live: Ints, n: int, step: float, decay: flo
 @learner(prediction, trace=choice(*TRACES))
 def td_lambda(
     world: World, pi: ArrayLike, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, trace: str = "accumulating",
-    online: bool = True, V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
+    online: bool = True, V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0,
+    on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """The values v_pi by TD(lambda), each TD error credited to all states by their traces.
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rlcore.core.types import Flags, Floats, Given, Ints, Model, Rng
+from rlcore.core.types import Flags, Floats, Given, Ints, Model, Rng, World
 
 LARGEST = 10**9  # of anything that is counted
 ENTRIES = 10**8  # of an array that a world is made of, 0.8 GB

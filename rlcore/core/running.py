@@ -88,6 +88,7 @@ def watched(watch: Watch) -> Iterator[None]:
     ear, asked = _ear(os.getpid()), []
 
     def ask(signum, frame):
+        ear.asked += 1
         if asked:
             raise KeyboardInterrupt
         asked.append(True)
@@ -103,6 +104,8 @@ def watched(watch: Watch) -> Iterator[None]:
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.set_wakeup_fd(wakes)
+        while asked and ear.heard < ear.asked:  # or the next run would be stopped by what this one was told
+            time.sleep(1e-3)
         ear.watch = before
         watch.close()
 
@@ -114,16 +117,17 @@ class _Ear(threading.Thread):
         super().__init__(name="rlcore", daemon=True)
         self.hears, self.sends = socket.socketpair()
         self.sends.setblocking(False)
-        self.watch = None
+        self.watch, self.heard, self.asked = None, 0, 0  # how often a signal came here, and to Python's handler
 
     def run(self):
         while True:
             ready = select([self.hears], [], [], self.watch and PAUSE)[0]
-            heard = signal.SIGINT in self.hears.recv(64) if ready else False
+            heard = self.hears.recv(64).count(signal.SIGINT) if ready else 0
             if (watch := self.watch) is not None:
                 if heard:
                     watch.stop()
                 watch.show()
+            self.heard = max(self.heard + heard, self.asked)
 
 
 @cache

@@ -30,7 +30,7 @@ def reset(world: Any, rng: Rng) -> int:
 
 @compiled
 def act(world: Any, s: int, a: int, rng: Rng) -> tuple[int, float, bool, bool]:
-    """(s', r, terminated, truncated) of one step. A FiniteMDP truncates where the run is stopped; max_steps is the loops'.
+    """(s', r, terminated, truncated) of one step. A FiniteMDP truncates where the run is stopped.
 
     One number says both: a second array to look into costs 3 % of a step.
     """
@@ -91,7 +91,8 @@ class Guard:
             self._actions = None
         self._send = int if is_discrete(actions) else np.asarray
         space = env.observation_space
-        self._first, self._n = int(getattr(space, "start", 0)), getattr(space, "n", None)
+        if is_discrete(space):
+            self._first, self._n = int(getattr(space, "start", 0)), int(space.n)
         self._shape, self._dtype = getattr(space, "shape", None), getattr(space, "dtype", None)
 
     def reset(self, **options: Any) -> Any:
