@@ -1,7 +1,7 @@
-"""The API page, from the signatures and docstrings of rlcore itself.
+"""The API page: autodoc and numpydoc on every public function and class of rlcore, in reading order.
 
-Not by sphinx.ext.autodoc: the docstrings are plain text, in which v_*, S_ and |s are symbols, and markup for it; what a
-package gathers or loads late belongs to its page; and each entry of the ledger that a docstring cites is a link here.
+Docstrings are plain text, in which v_*, S_ and |s are symbols; `as_markup` keeps them so, and makes a link of each
+entry of the ledger that is cited.
 """
 
 import importlib
@@ -10,6 +10,7 @@ import pkgutil
 import re
 
 from docutils import nodes
+from docutils.statemachine import StringList
 from sphinx.util.docutils import SphinxDirective
 
 from companion import ledger, repository
@@ -54,151 +55,84 @@ def members(cls):
             yield name, inner
 
 
-def signature(name, thing):
-    """The call as it may be copied: arguments with their types and defaults, what it returns."""
-    try:
-        found = inspect.signature(thing)
-    except (TypeError, ValueError):
-        return f"{name}(...)"
-    parts, keywords = [], False
-    for p in found.parameters.values():
-        if p.kind is p.KEYWORD_ONLY and not keywords:
-            parts.append("*")
-        keywords |= p.kind in (p.KEYWORD_ONLY, p.VAR_POSITIONAL)
-        kind = {p.VAR_POSITIONAL: "*", p.VAR_KEYWORD: "**"}.get(p.kind, "")
-        default = getattr(p.default, "__name__", None) or repr(p.default)
-        typed = "" if p.annotation is p.empty else f": {type_name(p.annotation)}"
-        given = "" if p.default is p.empty else f" = {default}" if typed else f"={default}"
-        parts.append(f"{kind}{p.name}{typed}{given}")
-    returned = "" if found.return_annotation is found.empty else f" -> {type_name(found.return_annotation)}"
-    return f"{name}({', '.join(parts)}){returned}"
-
-
-def type_name(annotation):
-    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
-    return re.sub(r"\b(?:numpy\.random\._generator|numpy|np|collections\.abc|rlcore\.[a-z_.]+)\.", "", text)
+def kind(thing):
+    return "class" if inspect.isclass(thing) else "function"
 
 
 class Api(SphinxDirective):
-    """Every public function and class: signature, docstring, links to the entries that it cites."""
+    """A section for each module: what it is about, then autodoc's entry of each function and class."""
 
     def run(self):
-        self.ledger = ledger.rows(self.env.srcdir)
         out, shown = [], modules()
         for module in shown:
             title = re.sub(r"([._])(?=\w)", "\\1\u200b", module.__name__)  # may break on a phone
             section = nodes.section("", nodes.title("", title), ids=[module.__name__])
-            section += self.paragraphs(inspect.getdoc(module))
-            entries = nodes.definition_list(classes=["api"])
+            text = re.sub(r"^  (?=\S)", "\n- ", inspect.getdoc(module), flags=re.M)  # what is indented is a list
+            lines = [*escaped(re.sub(r"^    (?=\S)", "  ", text, flags=re.M).splitlines()), ""]
             for name, thing in public(module):
-                entries += self.entry(f"{module.__name__}.{name}", name, thing)
-                if inspect.isclass(thing):
-                    for inner, method in members(thing):
-                        entries += self.entry(f"{module.__name__}.{name}.{inner}", f"{name}.{inner}", method)
+                lines += [f".. auto{kind(thing)}:: {module.__name__}.{name}"]
+                inner = [inner for inner, _ in members(thing)] if inspect.isclass(thing) else []
+                lines += [f"   :members: {', '.join(inner)}"] * bool(inner) + [""]
             for name in getattr(module, "__all__", ()):
                 home = getattr(getattr(module, name), "__module__", module.__name__)
                 if home != module.__name__ and home in [m.__name__ for m in shown]:
-                    entries += self.elsewhere(f"{module.__name__}.{name}", name, home)
-            if entries.children:
-                section += entries
+                    lines += elsewhere(module.__name__, name, home)
+            self.state.nested_parse(StringList(lines, module.__file__), 0, section)
             out.append(section)
         return out
 
-    def entry(self, identity, name, thing):
-        term = nodes.term("", "", nodes.literal("", signature(name, thing)), ids=[identity])
-        address = self.source(thing)
-        if address:
-            term += [nodes.Text(" "), ledger.link("source", address)]
-        own = thing.__dict__.get("__doc__") if inspect.isclass(thing) else inspect.getdoc(thing)
-        text, sections = split(inspect.cleandoc(own) if own else "")
-        body = self.paragraphs(text)
-        for title, lines in sections:
-            body += SECTIONS[title](self, title, lines)
-        return nodes.definition_list_item("", term, nodes.definition("", *body))
 
-    def described(self, title, lines):
-        """Names or types, each on a line with what is said about it."""
-        found = nodes.line_block("", nodes.line("", "", nodes.strong("", title)), classes=["doc"])
-        for item in re.split(r"\n(?=\S)", "\n".join(lines)):
-            name, _, text = item.partition("\n")
-            found += nodes.line("", "", nodes.literal("", name), nodes.Text(" "), *self.inline(" ".join(text.split())))
-        return [found]
-
-    def prose(self, title, lines):
-        text = self.inline(" ".join(" ".join(lines).split()))
-        return [nodes.line_block("", nodes.line("", "", nodes.strong("", f"{title} "), *text), classes=["doc"])]
-
-    def example(self, title, lines):
-        return [nodes.literal_block("", "\n".join(lines), language="pycon")]
-
-    def elsewhere(self, identity, name, home):
-        """A name that a module offers and another one defines."""
-        term = nodes.term("", "", nodes.literal("", name), ids=[identity])
-        there = ledger.link(ledger.name_node(f"{home}.{name}"), f"appendix_api.html#{home}.{name}")
-        see = nodes.paragraph("", "", nodes.Text("Defined in "), there, nodes.Text("."))
-        return nodes.definition_list_item("", term, nodes.definition("", see))
-
-    def source(self, thing):
-        inner = inspect.unwrap(thing)
-        try:
-            path, line = inspect.getsourcefile(inner), inspect.getsourcelines(inner)[1]
-        except (OSError, TypeError):
-            return None
-        return repository.source_link("rlcore/" + path.rpartition("rlcore/")[2], line)
-
-    def paragraphs(self, text):
-        """Docstring blocks: prose as paragraphs, anything indented or shaped like a list of arguments line by line."""
-        out = []
-        for block in re.split(r"\n\s*\n", text or ""):
-            lines = block.strip("\n").splitlines()
-            if not lines or not lines[0].strip():
-                continue
-            if all(line.startswith("    ") or line.startswith(">>>") for line in lines):
-                out.append(nodes.literal_block("", inspect.cleandoc(block), language="python"))
-                continue
-            group = nodes.line_block(classes=["doc"])
-            for line in self.joined(lines):
-                group += nodes.line("", "", *self.inline(line))
-            out.append(group)
-        return out
-
-    def joined(self, lines):
-        """Wrapped prose joined again; a line that names an argument, or Raises and Source, starts a new one."""
-        out = []
-        for line in lines:
-            if out and not re.match(r"(?:[\w, *`]+:|Returns\b|Raises\b|Source\b|- )", line.strip()):
-                out[-1] += " " + line.strip()
-            else:
-                out.append(line.strip())
-        return out
-
-    def inline(self, text):
-        """Text with the cited entries as links, and `code` as code."""
-        out, at = [], 0
-        for found in re.finditer(MENTION.pattern + r"|`+[^`]+`+", text):
-            out.append(nodes.Text(text[at : found.start()]))
-            word, at = found.group(), found.end()
-            row = self.ledger.get(word)
-            if word.startswith("`"):
-                out.append(nodes.literal("", word.strip("`")))
-            elif row and ledger.is_done(row):
-                out.append(ledger.page_link(word, row["page"]))
-            else:
-                out.append(nodes.Text(word))
-        return [*out, nodes.Text(text[at:])]
+def elsewhere(module, name, home):
+    """A name that a module offers and another one defines."""
+    return [f".. py:data:: {module}.{name}", "", f"   Defined in :py:obj:`{home}.{name}`.", ""]
 
 
-SECTIONS = {
-    "Parameters": Api.described, "Returns": Api.described, "Raises": Api.described,
-    "Notes": Api.prose, "References": Api.prose, "Examples": Api.example,
-}  # fmt: skip
+MARKUP = re.compile(r"[*|\\]|_(?!\w)")  # what would begin or end markup
 
 
-def split(text):
-    """What stands before the sections of a docstring, and (title, lines) of each section."""
-    before, *rest = re.split(r"^(Parameters|Returns|Raises|Notes|References|Examples)\n-+\n", text, flags=re.M)
-    return before.strip(), [(title, lines.strip().splitlines()) for title, lines in zip(rest[::2], rest[1::2])]
+def escaped(lines):
+    """Lines of plain text as reStructuredText that shows them as they are; `name` as code."""
+    out = []
+    for line in lines:
+        parts = re.split(r"(`+[^`]+`+)", line)
+        parts[::2] = [MARKUP.sub(r"\\\g<0>", part) for part in parts[::2]]
+        parts[1::2] = ["``" + part.strip("`") + "``" for part in parts[1::2]]
+        out.append("".join(parts))
+    return out
+
+
+def as_markup(app, what, name, thing, options, lines):
+    """Before numpydoc: all but the examples escaped, and links to the entries of the ledger that are cited."""
+    rows = ledger.rows(app.srcdir)
+
+    def cited(found):
+        row, word = rows.get(found.group()), found.group()
+        return f"`{word} <{row['page'].replace('#', '.html#')}>`__" if row and ledger.is_done(row) else word
+
+    end = lines.index("Examples") if "Examples" in lines else len(lines)
+    lines[:end] = [MENTION.sub(cited, line) for line in escaped(lines[:end])]
+
+
+def source(domain, info):
+    """Address of a definition in the repository, for sphinx.ext.linkcode; None where the repository is not known."""
+    thing = importlib.import_module(info["module"])
+    for part in info["fullname"].split("."):
+        thing = inspect.getattr_static(thing, part) if inspect.isclass(thing) else getattr(thing, part)
+    thing = getattr(thing, "__func__", None) or getattr(thing, "fget", None) or thing
+    try:
+        path, line = inspect.getsourcefile(inspect.unwrap(thing)), inspect.getsourcelines(inspect.unwrap(thing))[1]
+    except (OSError, TypeError):
+        return None
+    return repository.source_link("rlcore/" + path.rpartition("rlcore/")[2], line)
+
+
+def resolve(app, config):
+    config.linkcode_resolve = source
 
 
 def setup(app):
     app.add_directive("api", Api)
+    for extension in ("sphinx.ext.autodoc", "sphinx.ext.linkcode", "numpydoc"):
+        app.setup_extension(extension)
+    app.connect("config-inited", resolve)
+    app.connect("autodoc-process-docstring", as_markup, priority=100)
