@@ -7,9 +7,10 @@ import numpy as np
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.rules import checked
+from rlcore.core.running import Watch, watched
 from rlcore.core.schedules import at
 from rlcore.core.types import ArrayLike, Network, OnEpisode, Rate, Rng, World
-from rlcore.core.worlds import act, reset
+from rlcore.core.worlds import MOST_STEPS, Guard, act, reset
 from rlcore.distributions import Categorical
 from rlcore.policies import LINEAR, add_score, choose, dot, gradient, probabilities
 from rlcore.reinforce import NETWORKS, make_networks
@@ -151,22 +152,24 @@ def actor_critic_network(
     """
     net, critic = make_networks(world, net, critic, alpha, alpha_w, rng)
     returns, lengths = [], []
-    world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
-    for _ in range(n_episodes):
-        (s, _), total, n, discount, done = world.reset(), 0.0, 0, 1.0, False
-        while not done:
-            policy = Categorical(net.forward(s))
-            a = policy.sample(rng)
-            s_next, r, terminated, truncated, _ = world.step(int(a))
-            v_next = 0.0 if terminated else critic.forward(s_next)[0]
-            delta = r + gamma * v_next - critic.forward(s)[0]  # om-baseline-update
-            critic.step(critic.backward(np.array([-delta])))
-            net.step(net.backward(-discount * delta * policy.grad_log_prob(a)))
-            total, n, s = total + r, n + 1, s_next
-            discount *= gamma if discount_states else 1.0
-            done = terminated or truncated or n == max_steps
-        returns.append(total)
-        lengths.append(n)
-        if on_episode is not None and on_episode(float(total), sum(lengths)):
-            break
-    return Run(np.array(returns, float), np.array(lengths), V=critic, policy=net)
+    guard, watch = Guard(world, seed=int(rng.spawn(1)[0].integers(2**31))), Watch(n_episodes)
+    most = max_steps or MOST_STEPS
+    with watched(watch):
+        for _ in range(n_episodes):
+            s, total, n, discount, done = guard.reset(), 0.0, 0, 1.0, False
+            while not done:
+                policy = Categorical(net.forward(s))
+                a = policy.sample(rng)
+                s_next, r, terminated, truncated = guard.step(a)
+                v_next = 0.0 if terminated else critic.forward(s_next)[0]
+                delta = r + gamma * v_next - critic.forward(s)[0]  # om-baseline-update
+                critic.step(critic.backward(np.array([-delta])))
+                net.step(net.backward(-discount * delta * policy.grad_log_prob(a)))
+                total, n, s = total + r, n + 1, s_next
+                discount *= gamma if discount_states else 1.0
+                done = terminated or truncated or n == most or bool(watch.marks[0])
+            returns.append(total)
+            lengths.append(n)
+            if watch.ended(returns, lengths, on_episode):
+                break
+    return watch.left(Run(np.array(returns, float), np.array(lengths), V=critic, policy=net))

@@ -234,16 +234,17 @@ def check_policy(mdp: Model, pi: Any, name: str = "pi") -> Floats:
 
 def check_pi(legal: Flags, pi: Any, name: str = "pi") -> Floats:
     """As check_policy, where all that is known is which actions are legal, (S, A) bool."""
+    rounded = getattr(pi, "dtype", None) == np.float32  # as networks give them
     pi = as_floats(name, pi)
     if pi.shape != legal.shape:
         raise ValueError(f"{name}: got shape {pi.shape}, must be {legal.shape}")
-    bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= 1e-9))
+    bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= (1e-5 if rounded else 1e-9)))
     if bad.any():
         s = np.flatnonzero(bad)[0]
         raise ValueError(f"{name}: row {s} is {pi[s]}, must be probabilities that sum to 1")
     if (pi[~legal] > 0).any():
         raise ValueError(f"{name}: probability on an action that is not legal at {where((pi > 0) & ~legal)}, must be 0")
-    return pi
+    return pi / pi.sum(axis=1, keepdims=True) if rounded else pi
 
 
 def finite_values(mdp: Model, V: Any, name: str = "V") -> Floats:

@@ -133,9 +133,8 @@ def run_loop(
                 loop = interpreted(loop, log=told.log, note=told.note)
             return loop(sampler, *args, rng), watch.marks.tolist()
         with lent(world, rng):
-            guard, told = Guard(world), _Told(watch, on_episode)
-            guard.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
-            world.unwrapped.np_random, guard.episode = rng, 0
+            guard, told = Guard(world, seed=int(rng.spawn(1)[0].integers(2**31))), _Told(watch, on_episode)
+            world.unwrapped.np_random = rng
             changes = dict(
                 log=told.log, note=told.note, reset=lambda env, rng: guard.reset(), act=_acting(guard, watch)
             )

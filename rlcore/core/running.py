@@ -11,11 +11,14 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from select import select
 from typing import Any
 
 import numpy as np
+
+from rlcore.core.types import OnEpisode
 
 STOPPED, LOST, ENOUGH = 1, 2, 3  # why a run ends: by Ctrl-C; estimates that are no numbers; by on_episode
 CUT = 2  # in place of the marks of terminal states in a Sampler: the episode is to end here
@@ -48,6 +51,19 @@ class Watch:
         """Ask the run to end, unless it has been asked."""
         if not self.marks[0]:
             self.marks[0], self.terminal[:] = why, CUT
+
+    def ended(self, returns: list[float], lengths: list[int], on_episode: OnEpisode | None) -> bool:
+        """Count an episode, tell on_episode of it, and say whether it was the last."""
+        self.marks[1] = len(returns)
+        if on_episode is not None and on_episode(float(returns[-1]), sum(lengths)):
+            self.stop(ENOUGH)
+        return bool(self.marks[0])
+
+    def left(self, run: Any) -> Any:
+        """The Run, or an Interrupted with it where Ctrl-C came."""
+        if self.marks[0] == STOPPED:
+            raise Interrupted(replace(run, interrupted=True))
+        return run
 
     def show(self, done: int | None = None) -> None:
         """Show how many are done, marks[1] where None."""

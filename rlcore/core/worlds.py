@@ -80,7 +80,7 @@ class Guard:
     must not answer is a ValueError, an error of its own is passed on, both with the episode and the step.
     """
 
-    def __init__(self, env: Any) -> None:
+    def __init__(self, env: Any, seed: int | None = None) -> None:
         self.env, self.episode, self.t = env, 0, 0
         self._step, actions = env.step, env.action_space
         self._see = self._discrete if is_discrete(env.observation_space) else self._vector
@@ -91,9 +91,12 @@ class Guard:
             self._actions = None
         self._send = int if is_discrete(actions) else np.asarray
         space = env.observation_space
+        self._shape, self._dtype = getattr(space, "shape", None), getattr(space, "dtype", None)
         if is_discrete(space):
             self._first, self._n = int(getattr(space, "start", 0)), int(space.n)
-        self._shape, self._dtype = getattr(space, "shape", None), getattr(space, "dtype", None)
+        if seed is not None:  # of what it draws from; the first episode is yet to begin
+            self.reset(seed=seed)
+            self.episode = 0
 
     def reset(self, **options: Any) -> Any:
         self.episode, self.t = self.episode + 1, 0
