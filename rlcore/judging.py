@@ -326,7 +326,10 @@ def learning_curve(runs: Sequence[Run | ArrayLike], window: int = 1) -> Curve:
 
 def _filmed(name, env, given: Given):
     """The rule of an environment that gives pictures."""
-    env = _world(name, env, given)
+    try:
+        env = _world(name, env, given)
+    except ValueError as error:
+        raise ValueError(f"{name}{str(error).removeprefix('world').removeprefix(name)}") from None
     if getattr(env, "render_mode", None) != "rgb_array":
         got = f"{type(env).__name__} with render_mode {getattr(env, 'render_mode', None)!r}"
         raise ValueError(f"{name}: got {got}, must be made with render_mode='rgb_array'")

@@ -118,6 +118,7 @@ class ActorCritic:
 
     def bounded(self, actions: Floats) -> Floats:
         """Continuous actions (..., A) as an environment takes them: stretched to its range, and cut to it."""
+        actions = check_samples("actions", actions, self.net.theta.dtype)
         if self.box is None:
             return actions
         centre, half, low, high = self.box

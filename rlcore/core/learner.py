@@ -84,6 +84,7 @@ def _positional(function):
     code = code.replace(co_argcount=code.co_argcount + code.co_kwonlyargcount, co_kwonlyargcount=0)
     flat = types.FunctionType(code, function.__globals__, function.__name__)
     flat.__qualname__, flat.__module__ = function.__qualname__, function.__module__
+    flat.alone = True  # other threads run meanwhile, such as the one that hears Ctrl-C
     return flat
 
 
@@ -142,14 +143,14 @@ def run_loop(
 
 
 def _acting(guard, watch):
-    step, marks = guard.step, watch.marks
+    step = guard.step
 
     def act(env, s, a, rng):
         if a < 0:  # no action is the best one: the estimates are no numbers any more
             watch.stop(LOST)
             return s, 0.0, False, True
         s_next, r, terminated, truncated = step(a)
-        return s_next, r, terminated, truncated or marks[0] != 0
+        return s_next, r, terminated, truncated or watch.asked
 
     return act
 
@@ -169,7 +170,7 @@ class _Told:
         if record and (k + 1) % record == 0:
             history[(k + 1) // record] = table
         self.watch.marks[1] = k + 1
-        if not (table < np.inf).all():
+        if k % 16 == 15 and not (table < np.inf).all():
             self.watch.stop(LOST)
         elif self.on_episode is not None:
             self.steps += int(self.lengths[k])

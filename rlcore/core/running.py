@@ -43,14 +43,14 @@ class Watch:
     """
 
     def __init__(self, n: int = 0, unit: str = "episodes") -> None:
-        self.marks, self.terminal = np.zeros(2, np.int64), np.zeros(0, np.uint8)
+        self.marks, self.terminal, self.asked = np.zeros(2, np.int64), np.zeros(0, np.uint8), False
         self.n, self.unit, self.start, self.bar, self.lock = n, unit, time.monotonic(), None, threading.Lock()
         self.wanted = sys.stderr is not None and (sys.stderr.isatty() or os.environ.get("RLCORE_NOTES") == "1")
 
     def stop(self, why: int = STOPPED) -> None:
         """Ask the run to end, unless it has been asked."""
         if not self.marks[0]:
-            self.marks[0], self.terminal[:] = why, CUT
+            self.marks[0], self.terminal[:], self.asked = why, CUT, True
 
     def ended(self, returns: list[float], lengths: list[int], on_episode: OnEpisode | None) -> bool:
         """Count an episode, tell on_episode of it, and say whether it was the last."""

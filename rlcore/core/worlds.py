@@ -92,6 +92,7 @@ class Guard:
         self._send = int if is_discrete(actions) else np.asarray
         space = env.observation_space
         self._shape, self._dtype = getattr(space, "shape", None), getattr(space, "dtype", None)
+        self._first, self._n = 0, 0
         if is_discrete(space):
             self._first, self._n = int(getattr(space, "start", 0)), int(space.n)
         if seed is not None:  # of what it draws from; the first episode is yet to begin
@@ -117,13 +118,15 @@ class Guard:
             self._complain_of_size(answer)
         s, r, terminated, truncated, _ = answer
         if type(r) is not float:
-            r = self._number(r)
+            r = float(r) if type(r) is int and -HUGE <= r <= HUGE else self._number(r)
         if not -HUGE <= r <= HUGE:
             self._complain(f"reward {r}", "a finite number")
         if type(terminated) is not bool:
             terminated = self._flag("terminated", terminated)
         if type(truncated) is not bool:
             truncated = self._flag("truncated", truncated)
+        if type(s) is int and self._first == 0 and 0 <= s < self._n:
+            return s, r, terminated, truncated
         return self._see(s), r, terminated, truncated
 
     def _asked(self, call, what, **options):
