@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -329,7 +330,7 @@ def _filmed(name, env, given: Given):
     try:
         env = _world(name, env, given)
     except ValueError as error:
-        raise ValueError(f"{name}{str(error).removeprefix('world').removeprefix(name)}") from None
+        raise ValueError(re.sub("^world:", f"{name}:", str(error))) from None
     if getattr(env, "render_mode", None) != "rgb_array":
         got = f"{type(env).__name__} with render_mode {getattr(env, 'render_mode', None)!r}"
         raise ValueError(f"{name}: got {got}, must be made with render_mode='rgb_array'")

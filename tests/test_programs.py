@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SAYS = {
     "inventory": r"certified to \de-\d\d; order 400 at 0, nothing from \d+ on\n",
-    "own_environment": r"q_learning Evaluation\(200 episodes, return .*\)\nsarsa Evaluation\(200 episodes, return .*\)\n",
+    "own_environment": r"q_learning Evaluation\(200 episodes, .*\)\nsarsa Evaluation\(200 episodes, .*\)\n",
     "continuous": r"Evaluation\(200 episodes, return -0\.[01].*\)\n",
     "save_and_load": r"Evaluation\(20 episodes, .*\)\nRun\(.* episodes, .* steps, .*\)\n",
     "ten_seeds": r"(\w+ +-\d+\.\d \[-\d+\.\d, -\d+\.\d\]  mean of 10 runs, band: 95 % interval of the mean\n){3}",

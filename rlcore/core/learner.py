@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import types
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -48,8 +49,10 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
             ]
             told = dict(n=given.get("n_episodes", 0), on_episode=given.get("on_episode"))
             found, (why, ended) = run_loop(loop, given["world"], *inputs, rng=given["rng"], **told)
-            if why == LOST or np.isnan(found[0]).any():
+            if why == LOST:
                 raise ValueError(_lost(given, found, ended))
+            if np.isnan(found[0]).any():
+                warnings.warn(_lost(given, found, ended), RuntimeWarning, stacklevel=2)
             made = result(given, *found)
             made = shorter(made, given, interrupted=why == STOPPED) if why and isinstance(made, Run) else made
             if why == STOPPED:
