@@ -55,7 +55,7 @@ class Evaluation:
     >>> from rlcore import evaluate
     >>> from rlcore.envs.small import random_walk
     >>> evaluate(np.ones((5, 1)), random_walk(3), 100, rng=np.random.default_rng(0))
-    Evaluation(100 episodes, return 0.54 [0.441, 0.639], iqm 0.58 [0.38, 0.76])
+    Evaluation(100 episodes, return 0.49 [0.39, 0.59], iqm 0.48 [0.28, 0.68])
     """
 
     returns: np.ndarray

@@ -46,11 +46,31 @@ LEFT_OUT = {"_work", "_n", "_d"}  # made anew
 def save(thing: Any, path: str | os.PathLike[str]) -> None:
     """Write a result or an agent to a file that `load` reads, here or in another process.
 
-    thing: a Run, Solution, Trajectory, FiniteMDP, ActorCritic, MLP, TorchNet, optimizer, numpy.random.Generator, array,
-    number or string, or a list, tuple or dict of them, such as {"run": run, "rng": rng}. Networks keep the state of
-    their optimizers, agents their log_std and normaliser, so that learning goes on with the same next step. path: name
-    of the file, taken as it is; one that is there is replaced when the new one is complete.
-    Raises ValueError for anything else; no code is ever written.
+    Networks keep the state of their optimizers, agents their log_std and normaliser, so that learning goes on with the
+    same next step. No code is ever written.
+
+    Parameters
+    ----------
+    thing : Any
+        A Run, Solution, Trajectory, FiniteMDP, ActorCritic, MLP, TorchNet, optimizer, numpy.random.Generator, array,
+        number or string, or a list, tuple or dict of them, such as {"run": run, "rng": rng}.
+    path : str | os.PathLike[str]
+        Name of the file, taken as it is; one that is there is replaced when the new one is complete.
+
+    Raises
+    ------
+    ValueError
+        For anything else.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from rlcore import load, save
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save({"V": np.zeros(2), "name": "walk"}, folder + "/kept.rl")
+    ...     load(folder + "/kept.rl")
+    {'V': array([0., 0.]), 'name': 'walk'}
     """
     writer = _Writer()
     header = {"format": "rlcore", "version": VERSION, "content": writer.node(thing)}
@@ -73,10 +93,33 @@ def _modules(name, modules, given):
 
 @checked(path=check_path, modules=_modules)
 def load(path: str | os.PathLike[str], *, modules: Iterable[Any] = ()) -> Any:
-    """What `save` wrote to the file.
+    """Read what `save` wrote to a file.
 
-    modules: a torch.nn.Module for each TorchNet in the file, in the order net, critic: the file has their parameters,
-    not their code. Raises ValueError where the file is cut, changed, of another program or of a later version.
+    Parameters
+    ----------
+    path : str | os.PathLike[str]
+        Name of the file.
+    modules : Iterable[Any]
+        A torch.nn.Module for each TorchNet in the file, in the order net, critic: it has their parameters, no code.
+
+    Returns
+    -------
+    Any
+        What was saved.
+
+    Raises
+    ------
+    ValueError
+        Where the file is cut, changed, of another program or of a later version.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from rlcore import load, save
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save([1, 2.5], folder + "/kept.rl")
+    ...     load(folder + "/kept.rl")
+    [1, 2.5]
     """
     try:
         with zipfile.ZipFile(path) as archive:
