@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SAYS = {
-    "inventory": r"certified to \de-\d\d; order 400 at 0, nothing from \d+ on\n",
+    "inventory": r"certified to \de-\d\d; order \d+ at 0, nothing from \d+ on\n",
     "own_environment": r"q_learning Evaluation\(200 episodes, .*\)\nsarsa Evaluation\(200 episodes, .*\)\n",
     "continuous": r"Evaluation\(200 episodes, return -0\.[01].*\)\n",
     "save_and_load": r"Evaluation\(20 episodes, .*\)\nRun\(.* episodes, .* steps, .*\)\n",

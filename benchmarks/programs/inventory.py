@@ -6,7 +6,7 @@ from scipy.sparse import csr_matrix
 from rlcore.mdp import FiniteMDP
 from rlcore.solver import solve
 
-S, ORDERS, DEMAND = 2000, 100 * np.arange(20), np.arange(200)  # all demands are equally likely
+S, ORDERS, DEMAND = 2000, 5 * np.arange(20), np.arange(30)  # all demands are equally likely
 P, R = [], np.zeros((S, len(ORDERS)))
 for a, order in enumerate(ORDERS):
     stock = np.minimum(np.arange(S) + order, S - 1)
