@@ -311,12 +311,12 @@ def learning_curve(runs: Sequence[Run | ArrayLike], window: int = 1) -> Curve:
     >>> learning_curve([[0.0, 2.0, 4.0, 6.0], [2.0, 4.0, 6.0, 8.0]], window=2).mean
     array([2., 6.])
     """
-    n = min(run.size for run in runs) // window
+    returns = [np.asarray(run) for run in runs]
+    shortest = min(run.size for run in returns)
+    n = shortest // window
     if n == 0:
-        raise ValueError(
-            f"window: got {window}, must be at most the episodes of a run, {min(run.size for run in runs)}"
-        )
-    points = np.array([run[: n * window].reshape(n, window).mean(axis=1) for run in runs])
+        raise ValueError(f"window: got {window}, must be at most the episodes of a run, {shortest}")
+    points = np.array([run[: n * window].reshape(n, window).mean(axis=1) for run in returns])
     edges = np.array([_mean_interval(column) for column in points.T])
     name = f"mean of {len(runs)} runs, band: {LEVEL:.0%} interval of the mean".replace("%", " %")
     return Curve(window * np.arange(1, n + 1), points.mean(axis=0), edges[:, 0], edges[:, 1], name)
@@ -325,7 +325,7 @@ def learning_curve(runs: Sequence[Run | ArrayLike], window: int = 1) -> Curve:
 # ---------------------------------------------------------------------- films
 
 
-def _filmed(name, env, given: Given):
+def _filmed(name: str, env: Any, given: Given) -> Any:
     """The rule of an environment that gives pictures."""
     try:
         env = _world(name, env, given)
@@ -387,7 +387,7 @@ def film(
         done = terminated or truncated or t == max_steps
     pictures = [Image.fromarray(np.asarray(frame)) for frame in frames]
     fps = fps or getattr(env, "metadata", {}).get("render_fps") or 30
-    options = dict(format="GIF", save_all=True, append_images=pictures[1:], duration=max(20, round(1000 / fps)), loop=0)
+    options: dict[str, Any] = dict(format="GIF", save_all=True, append_images=pictures[1:], duration=max(20, round(1000 / fps)), loop=0)
     with whole(path, "wb") as out:
         pictures[0].save(out, **options)
     return total

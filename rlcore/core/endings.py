@@ -48,7 +48,7 @@ def loops(mdp: Model, best: Flags) -> Flags:
         part = connected_components(graph, connection="strong")[1]
         stays = np.where(used, part[mdp.next_state] == part[:, None, None], True).all(axis=2) & allowed
         if np.array_equal(stays, allowed):
-            return stays.any(axis=1)
+            return np.asarray(stays.any(axis=1))
         allowed = stays
 
 

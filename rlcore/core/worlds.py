@@ -180,10 +180,10 @@ class Guard:
     def _place(self):
         return f"episode {self.episode}, step {self.t}"
 
-    def _complain(self, what, must) -> NoReturn:
+    def _complain(self, what: str, must: str) -> NoReturn:
         raise ValueError(f"world: {what} in {self._place()}, must be {must}")
 
-    def _complain_of_size(self, answer) -> NoReturn:
+    def _complain_of_size(self, answer: Any) -> NoReturn:
         size = f"{len(answer)} values" if isinstance(answer, tuple) else show(answer)
         old = "; four are the old API of gym" if isinstance(answer, tuple) and len(answer) == 4 else ""
         self._complain(f"step gave {size}", f"(observation, reward, terminated, truncated, info){old}")
