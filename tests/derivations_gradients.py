@@ -154,7 +154,7 @@ def bluff():
         point = np.array([x, y])
         up, down = differences(lambda at=point: gain(*at), point)
         found.append({"x": x, "y": y, "x'": x + alpha * up, "y'": y - alpha * down})
-    yield Scope({}, {("g", "", 2): gain}, greek={r"\alpha": alpha}), found
+    yield Scope({}, {("f", "", 2): gain}, greek={r"\alpha": alpha}), found
 
 
 ONCE = [{}]

@@ -156,7 +156,7 @@ def costs():
         (lambda x: 2 * np.log(np.cosh(x)).sum(), lambda x: 2 * np.tanh(x)),
     ):
         scope = Smooth({}, {("C", "", 1): C, ("theta", "", 0): theta.copy()}, greek={r"\epsilon": 0.3})
-        yield scope, times(K=(K,), t=(0.2,), g=(slope(theta),))
+        yield scope, times(kappa=(K,), t=(0.2,), g=(slope(theta),))
 
 
 def differences(f, x, h=0.01):
@@ -190,7 +190,7 @@ def parabola():
     K, epsilon, v = 2.0, 0.7, [1.3]
     for _ in range(4):
         v.append(v[-1] - epsilon * K * v[-1])
-    yield Scope({}, {("v", "indexed", 1): np.array(v)}, greek={r"\epsilon": epsilon}), times(n=(2, 3, 4), K=(K,))
+    yield Scope({}, {("v", "indexed", 1): np.array(v)}, greek={r"\epsilon": epsilon}), times(n=(2, 3, 4), kappa=(K,))
 
 
 def optimisers(kind, same=False):
@@ -213,7 +213,7 @@ def optimisers(kind, same=False):
     arrays = {"g": g, "m": np.array(m), "v": np.array(v), "theta": np.concatenate(theta), **corrected}
     tables = {(name, "indexed", 1): array for name, array in arrays.items()}
     greek = {r"\epsilon": epsilon, r"\beta": beta, r"\beta_1": beta1, r"\beta_2": beta2}
-    yield Scope({}, tables, greek=greek), [{"t": t, "c": 1e-3, **({"g": -1.7} if same else {})} for t in (2, 3, 5)]
+    yield Scope({}, tables, greek=greek), [{"t": t, "eta": 1e-3, **({"g": -1.7} if same else {})} for t in (2, 3, 5)]
 
 
 # ---------------------------------------------------------------------- sizes, bumps
@@ -267,8 +267,8 @@ def cells():
             ("c", "indexed", 1): lambda j: centres[int(j) - 1],
         }  # fmt: skip
         yield (
-            Scope({}, tables),
-            [{"N": N, "K": K, "x": x, "j": int(x * N) + 1} for x in (0.05, 0.2 + 1e-10, 0.45, 0.55, 0.8 - 1e-10)],
+            Scope({}, tables, greek={r"\rho": K}),
+            [{"N": N, "x": x, "j": int(x * N) + 1} for x in (0.05, 0.2 + 1e-10, 0.45, 0.55, 0.8 - 1e-10)],
         )
 
 
@@ -316,14 +316,14 @@ BREAKS = {
     "whole before": (r"(?<![\d.])(\d)(?= \\cdot)", lambda m: str(int(m[1]) + 1)),
     "result": (r"(?<== )(\d)(?= &&)", lambda m: str(int(m[1]) + 1)),
     "other step": (r"\\epsilon(?!\^)(\\,)? ?", ""),
-    "curvature": (r"(?<![a-zA-Z])K ", ""),
+    "curvature": (r"\\kappa(?= )", "1"),
     "beta": (r"\\beta(_\d)?(?!\^)(\\,)? ", ""),
     "other beta": (r"\\beta_1", r"\\beta_2"),
     "one beta for the other": (r"\\beta_2", r"\\beta_1"),
     "power of beta": (r"(\\beta(_\d)?)\^(\{[^}]*\}|\w)", r"\1"),
     "step before": (r"(?<=[vgmta])_\{[tn]-\d\}", "_t"),
     "gradient": (r"(?<=[} ,])g_[tk]\^?2?", ""),
-    "small": (r" \+ c", ""),
+    "small": (r" \+ \\eta", ""),
     "exponential": (r"e\^\{(-?)(\w+( d)?)\}", lambda m: "e^{" + ("" if m[1] else "-") + m[2] + "}"),
     "half": (r"\\frac12", r"\\frac13"),
     "quarter": (r"\\frac14", r"\\frac15"),

@@ -30,7 +30,7 @@ def traces(decay, c):
 
 
 def walks(free, lambdas=LAMBDAS, shares=(0.0,)):
-    """An episode with V held fixed; c: the share of its old trace that a visit takes away."""
+    """An episode with V held fixed; rho: the share of its old trace that a visit takes away."""
     for gamma, lam in zip(GAMMAS, lambdas):
         R, V = rng(int(10 * gamma)).normal(size=T), np.append(rng(int(10 * lam)).normal(size=3), 0.0)
         fixed = {
@@ -40,10 +40,10 @@ def walks(free, lambdas=LAMBDAS, shares=(0.0,)):
         }  # fmt: skip
         for c in shares:
             tables = {**fixed, ("E", "timed", 2): traces(gamma * lam, c)}
-            greek = {r"\lambda": lam, r"\alpha": ALPHA}
+            greek = {r"\lambda": lam, r"\alpha": ALPHA, r"\rho": c}
             yield (
                 Scope({"s": range(3)}, tables, R, gamma, greek),
-                [{"T": T, "infinity": FOREVER, "c": c, **x} for x in free],
+                [{"T": T, "infinity": FOREVER, **x} for x in free],
             )
 
 
@@ -58,7 +58,7 @@ def means():
 def two_visits():
     for c in (0.0, 0.5, 1.0):
         trace = (1 - c) * 0.125 + 0.5
-        yield Scope({}, {("E", "timed", 2): lambda t, s, e=trace: e}, (), 1.0), [{"c": c, "s": 0}]
+        yield Scope({}, {("E", "timed", 2): lambda t, s, e=trace: e}, (), 1.0, {r"\rho": c}), [{"s": 0}]
 
 
 def one_target():
@@ -179,7 +179,7 @@ BREAKS = {
     "horizon of the table": (r"(?<=W_[kh])\^(h|\{h\+1\})", lambda m: "^{h+1}" if m[1] == "h" else "^h"),
     "visit": (r"I_\{[^}]*\}+", ""),
     "other visit": (r"(?<=I_\{[sa] [SA])_([kjt])\}", r"_{\1+1}}"),
-    "taken": (r"(- )c\\,", r"\1"),
+    "taken": (r"(- )\\rho\\,", r"\1"),
     "cut": (r"g_(\w|\{[^}]*\})(\\,)?", ""),
     "time of the trace": (r"(?<=E)_\{(\w)-1\}", r"_\1"),
     "time of the table": (r"(?<=V)_\{h-1\}", "_h"),

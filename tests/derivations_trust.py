@@ -40,7 +40,7 @@ def two(mdp, before, after, gamma, **more):
         ("barA", "", 1): mean, ("barA", "", 0): lambda: mean, ("r", "pi", 1): (after * r).sum(axis=1),
         ("r", "pi", 0): (after * r).sum(axis=1), ("P", "pi", 2): P_new, ("P", "pi", 0): P_new,
         ("Pold", "", 0): P_old, ("v", "pi", 0): v, ("v", "pi", 1): v, ("vold", "", 0): v_old, ("vold", "", 1): v_old,
-        ("d", "", 1): mdp.start, ("eta", "", 1): lambda pi: sur.eta(mdp, pi, gamma),
+        ("mu", "0", 1): mdp.start, ("eta", "", 1): lambda pi: sur.eta(mdp, pi, gamma),
         ("mu", "pi", 1): np.linalg.solve(one - gamma * P_new.T, mdp.start), ("muold", "", 1): old.visits,
         ("ell", "", 0): lambda: v_old + np.linalg.solve(one - gamma * P_old, mean),
         ("L", "piold", 1): lambda pi: sur.local_performance(old, pi), ("f", "", 1): rng(1).normal(size=4),
@@ -138,7 +138,7 @@ def outcomes():
             at = np.array([float(q)])
             return differences(lambda: k(at[0]), at, h=1e-3)[0]
 
-        yield Scope({}, {("k", "", 1): k, ("k'", "", 1): slope}), [{"p": p, "q": q}]
+        yield Scope({}, {("u", "", 1): k, ("u'", "", 1): slope}), [{"p": p, "q": q}]
 
 
 def divergences():
@@ -294,7 +294,7 @@ BREAKS = {
     "new visits": (r"\\mu_\\pi\(s'\)", "1"),
     "old transitions": (r"P_\{old\}", r"P_\\pi"),
     "new transitions": (r"P_\\pi(?!\^)", "I"),
-    "start": (r"d\(s\)", ""),
+    "start": (r"\\mu_0\(s\)", ""),
     "function": (r"(\\, )?f\(a\)", ""),
     "mean advantage": (r"\\bar A(?! \\r)", "v_{old}"),
     "surrogate": (r"\\ell", r"v_{old}"),
@@ -348,8 +348,8 @@ HARMLESS = {
         r"{\pi(a \mid s)}{\pi(a": ANY,
         r"\pi_{old}(a \mid s) && \text{cancel": ANY,
     },
-    "dv-advantage-bound": {r"s) + \pi_{old}": "the old advantages have mean 0 under the old policy"},
-    "dv-two-outcomes": {r"\ge 2 0": NOTHING, "k(p) &": "it is 0"},
+    "dv-advantage-bound": {r"{} + \pi_{old}": "the old advantages have mean 0 under the old policy"},
+    "dv-two-outcomes": {r"\ge 2 0": NOTHING, "u(p) &": "it is 0"},
     "dv-lower-bound": {
         r"\frac{2 \epsilon  }": LOOSE,
         r"\frac{2 \epsilon \gamma}{(1 - \gamma)}": LOOSE,
@@ -359,6 +359,7 @@ HARMLESS = {
     "dv-minorise": {r"\eta(\pi) &": ANY, r"M(\pi) && \text{bound": ANY},
     "dv-natural-gradient": {"&= 2 0": NOTHING},
     "dv-fisher": {
+        r"K(\theta) &= 0": "the divergence itself is 0, too",
         "&= 2 0": NOTHING,
         r"+ \sum_a \partial_i": "the probabilities add up to 1, so that their derivatives add up to 0",
         r"- \sum_a \partial_i \pi": "the probabilities add up to 1, so that their derivatives add up to 0",

@@ -26,7 +26,8 @@ TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
 RELATIONS = ("=", "<", ">", r"\le", r"\ge", r"\approx")
 ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert", r"\rvert")
 WORDS = (
-    "ell|muold|[AqvPr]old|omega|pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min|clip|UP"
+    "ell|kappa|muold|[AqvPr]old|omega|pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min"
+    "|clip|UP"
 )
 NAMES = rf"\\(?:{WORDS}|bar[a-zA-Z]|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
 TIMED = ("Delta", "r", "LCPI", "LCLIP", "LVF")  # functions whose index is a time: r_t(\theta)
