@@ -2,12 +2,14 @@
 
 The format, version 1. A file is a zip archive, which `numpy.load` opens, too: each array is a member `<number>.npy`,
 and `rlcore.json` says what they are. It holds {"format": "rlcore", "version": 1, "content": node}. A node is null,
-true, false, a number, a string, or one of
+true, false, a number, a string, or one of::
+
     {"list": [node, ...]}, {"tuple": [node, ...]}, {"dict": [[node, node], ...]}
     {"array": number}                     of the member that holds it
     {"kind": name, "fields": {name: node}}  an object, whose class is one of KINDS or, a generator, of numpy.random
     {"values of": node}                   the method `values` of an ActorCritic, which is V of the runs of ppo and trpo
     {"again": number}                     the object that is the number-th of the file, counted from 0 as they begin
+
 No member holds code, none is run on loading; a torch module is saved as its state_dict.
 """
 

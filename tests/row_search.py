@@ -162,7 +162,7 @@ def search(worker, workers, chosen, pictures):
         for file, old, new in [*first[:TRIES], *[c for few in zip_longest(*others) for c in few if c]][: TRIES + 2]:
             changed, better = rows.compiled_at(file, old), []
             with rows.broken(folder, file, old, new):
-                for line in rows.child(lambda left=left, c=changed: rows.tried(folder, c, left, True), SECONDS):
+                for line in rows.child(lambda left=left, c=changed: rows.tried(folder, c, left), SECONDS):
                     print(name, repr(new.strip()[:70]), line, flush=True)
                     if line["how"].startswith("assert") or line["how"].startswith("raises: ValueError"):
                         better.append(line["row"])

@@ -2,6 +2,7 @@
 
     python tests/rows.py [row or chapter ...]  trace and break these rows; all where none is named
     python tests/rows.py --trace [...]         only see that each name under `code` is executed by a check of its row
+    python tests/rows.py --breaks [...]        only the breaks
     python tests/rows.py --report [...]        what is known from earlier runs, without running anything
     python tests/rows.py --again [...]         forget earlier results of these rows
     python tests/rows.py --search [...]        try changes for names that have no break yet, add what is noticed
@@ -254,8 +255,8 @@ def compiled_at(file, old):
 class Tracer:
     """Which of the places {name: (file, first line, last line)} run; compiled ones by the call that starts them."""
 
-    def __init__(self, folder, compiled, places):
-        self.left, self.runs, self.met, self.root = places, [], set(), str(folder / "rlcore")
+    def __init__(self, folder, compiled, places, hasty):
+        self.hasty, self.left, self.runs, self.met, self.root = hasty, places, [], set(), str(folder / "rlcore")
         meet, call = self.meet, compiled._Lazy.__call__
 
         def noted(lazy, *args):
@@ -276,6 +277,8 @@ class Tracer:
         code = frame.f_code
         if not self.left:
             sys.setprofile(None)
+            if self.hasty:
+                self.hasty(self.runs)
         elif event == "call" and code.co_filename.startswith(self.root):
             self.meet(code)
             if code.co_name == "call" and code.co_filename.endswith("learner.py"):
@@ -311,25 +314,33 @@ def resolved(name):
     return thing if isinstance(thing, type) else inspect.unwrap(thing)
 
 
-def trace(folder, check):
-    """Names of the ledger that a check executes, and how it fails, if it does, without any change; in the child."""
+def trace(folder, check, hasty):
+    """Names of the ledger that a check executes, and how it fails, if it does, without any change; in the child.
+
+    hasty: end the child where all names have been seen, whatever the check would say.
+    """
+
+    def enough(runs):
+        os.write(RESULTS[0], (json.dumps({"check": check, "runs": runs, "how": "", "whole": False}) + "\n").encode())
+        os._exit(0)
+
     compiled = set_up(folder)
     names = sorted({name for row in ROWS.values() if check in row["check"] for name in row["code"]})
-    tracer = Tracer(folder, compiled, {name: span(name) for name in names})
-    sys.setprofile(tracer)
+    tracer = Tracer(folder, compiled, {name: span(name) for name in names}, hasty and enough)
     ids = [row["id"] for row in ROWS.values() if check in row["check"]]
-    result = run_check(folder, check, ids[0] if len(ids) == 1 else "")
+    sys.setprofile(tracer)
+    how = run_check(folder, check, ids[0] if len(ids) == 1 else "")
     sys.setprofile(None)
-    return {"check": check, "runs": tracer.runs, "how": result}
+    return {"check": check, "runs": tracer.runs, "how": how, "whole": True}
 
 
-def tried(folder, changed, rows, picture=False):
+def tried(folder, changed, rows):
     """How each of the rows notices what was changed; in the child, one line of results a row."""
     set_up(folder, changed)
     found = {}
     for row in rows:
         start, how = time.time(), ""
-        for check in sorted(ROWS[row]["check"], key=lambda c: ("::" in c) != picture):  # tests draw, cells compute
+        for check in sorted(ROWS[row]["check"], key=lambda c: ("::" not in c, "figures" not in c)):  # quick ones first
             key = check if "::" not in check else (check, row)
             found[key] = found[key] if key in found else run_check(folder, check, row)
             how = found[key] if not how or not found[key].startswith("prints") and found[key] else how
@@ -341,6 +352,9 @@ def tried(folder, changed, rows, picture=False):
 # ---------------------------------------------------------------------- children
 
 
+RESULTS = []  # where a child writes to
+
+
 def child(work, limit):
     """Lines that work() yields as JSON in a forked child; one {'how': 'slow'} at the end where the time is up."""
     read, write = os.pipe()
@@ -348,6 +362,7 @@ def child(work, limit):
     if pid == 0:
         os.setsid()
         os.close(read)
+        RESULTS[:] = [write]
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1)
         os.dup2(null, 2)
@@ -460,14 +475,15 @@ def checks_of(chosen):
     return list(dict.fromkeys(check for row in chosen for check in ROWS[row]["check"]))
 
 
-def work(worker, workers, chosen, only_trace):
+def work(worker, workers, chosen, only):
     """One of the processes: every workers-th check and break."""
     folder, done = copy(SCRATCH / f"copy{worker}"), known()
-    for check in checks_of(chosen)[worker::workers]:
-        if mark_of(check) not in done:
-            for line in child(lambda check=check: [trace(folder, check)], LIMIT):
+    for check in [] if only == "breaks" else checks_of(chosen)[worker::workers]:
+        before = done.get(mark_of(check))
+        if not before or not (only == "trace" or before.get("whole")):
+            for line in child(lambda check=check: [trace(folder, check, only == "trace")], LIMIT):
                 note({**line, "digest": mark_of(check), "check": check})
-    if only_trace:
+    if only == "trace":
         return
     mine = [change for change in breaks() if change["row"] in chosen]
     for change in mine[worker::workers]:
@@ -481,9 +497,9 @@ def work(worker, workers, chosen, only_trace):
 def outcome(folder, change):
     """[how the row of a break notices it]"""
     file, old = change["file"], change["old"]
-    changed, picture = compiled_at(file, old), file.startswith("rlcore/plots/")
+    changed = compiled_at(file, old)
     with broken(folder, file, old, change["new"]):
-        return list(child(lambda: tried(folder, changed, [change["row"]], picture), LIMIT))
+        return list(child(lambda: tried(folder, changed, [change["row"]]), LIMIT))
 
 
 QUICK = (
@@ -530,7 +546,7 @@ def parallel(job, workers):
     return max(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in children)
 
 
-def report(chosen, only_trace=False):
+def report(chosen, only=""):
     """Print a line a chapter and what is not as it should be; whether all is."""
     done, bad, table = known(), [], {}
     changes = {}
@@ -542,7 +558,7 @@ def report(chosen, only_trace=False):
         results = [done.get(mark_of(check), {"how": "not run"}) for check in ROWS[row]["check"]]
         left = [name for name in ROWS[row]["code"] if not any(name in result.get("runs", ()) for result in results)]
         line["traced"] += not left
-        if left:
+        if left and only != "breaks":
             bad.append(f"{row}: never runs {', '.join(left)}")
         for check, result in zip(ROWS[row]["check"], results):
             if result["how"]:
@@ -552,7 +568,7 @@ def report(chosen, only_trace=False):
             how = done.get(digest(row, change), {}).get("how", "not run")
             line["breaks"] += 1
             line["noticed"] += how.startswith(("assert", "raises"))
-            if not how.startswith(("assert", "raises")) and not only_trace:
+            if not how.startswith(("assert", "raises")) and only != "trace":
                 bad.append(
                     f"{row}: {change['old'].strip()[:60]!r} to {change['new'].strip()[:60]!r}: {how or 'unnoticed'}"
                 )
@@ -573,7 +589,7 @@ def choose(wanted):
 
 def main(arguments):
     chosen = choose([a for a in arguments if not a.startswith("-")])
-    only_trace = "--trace" in arguments
+    only = "trace" if "--trace" in arguments else "breaks" if "--breaks" in arguments else ""
     if "--again" in arguments:
         gone = {*chosen, *checks_of(chosen)}
         kept = [line for line in known().values() if line.get("row", line.get("check")) not in gone]
@@ -588,8 +604,8 @@ def main(arguments):
             import row_search
 
             return row_search.main(chosen, workers, "--pictures" in arguments)
-        parallel(lambda worker: work(worker, workers, chosen, only_trace), workers)
-    return 0 if report(chosen, only_trace) else 1
+        parallel(lambda worker: work(worker, workers, chosen, only), workers)
+    return 0 if report(chosen, only) else 1
 
 
 if __name__ == "__main__":
