@@ -291,7 +291,8 @@ def test_tables_of_figure_12_are_those_of_their_episodes():
 def test_a_changed_entry_of_figure_12_is_told_in_words():
     Q = np.zeros((54, 4))
     Q[12, 3] = 0.25
-    (ax,) = plots.q_table(Q, envs.dyna_maze(), (6, 9), flash=(12, 3), old=0.125).axes
+    ax, bar = plots.q_table(Q, envs.dyna_maze(), (6, 9), flash=(12, 3), old=0.125).axes
+    assert bar.get_ylim()[1] >= 0.25
     assert ax.get_xlabel() == "Q(row 2, column 4; left) = 0.125 → 0.25"
     near(ax.images[0].get_array()[24 + 12, 3 * 24 + 4], matplotlib.colors.to_rgb(ch03.RED))
 
@@ -388,7 +389,7 @@ def test_a_step_on_the_cliff_is_drawn_and_computed():
     place = {text.get_text(): text.get_position() for text in ax.texts}
     assert (place["s"], place["s'"]) == ((0, 1), (1, 1))
     assert "a = right;  target = R + Q[s', a'] = −4.00" in place
-    assert "−2.00 + 0.25 · (−4.00 +2.00) = −2.50" in place
+    assert "−2.00 + 0.25 · (−4.00 − (−2.00)) = −2.50" in place
     assert ax.get_title() == "step 7" and (place["S"][0], place["G"][0]) == (-0.8, 11.8)
 
 
