@@ -249,10 +249,10 @@ Exercise(
     statement=r"""
         In the continuing form of pole balancing the reward is $-1$ on a failing step and 0 on all others. A policy fails on
         every 5th step, for ever: $R_5 = R_{10} = R_{15} = \dots = -1$. With $\gamma = 0.8$, predict $G_0$ before you run
-        anything, to four digits; then bind the number to `G0_pole` (a formula is fine).
+        anything; then bind the number to `G0_pole`.
     """,
     stub="G0_pole = ...",
-    cases=lambda rng: [Case({}, -(0.8**4) / (1 - 0.8**5), tol=1e-3)],
+    cases=lambda rng: [Case({}, -(0.8**4) / (1 - 0.8**5))],
     hints=(
         r"The first failure contributes $-\gamma^4$. The second one comes 5 steps later.",
         r"The contributions form a geometric series with ratio $\gamma^5$.",
@@ -265,6 +265,7 @@ Exercise(
         Wrong({"-(0.8**4)": "(0.8**4)"}, "the sign: a failure pays -1"),
     ),
     minutes=4,
+    digits=4,
     covers=("eq-u-pole-return", "ex-pole-continuing"),
 )
 

@@ -49,6 +49,7 @@ Exercise(
         ),
     ),
     minutes=2,
+    digits=4,
     covers=("alg-eps-greedy", "cl-059"),
 )
 
@@ -565,6 +566,7 @@ Exercise(
         ),
     ),
     minutes=5,
+    digits=4,
     covers=("eq-18", "om-convergence-conditions"),
 )
 
@@ -613,6 +615,7 @@ Exercise(
         Wrong("values = (16 / 9, 7 / 9, 1.5, 7 / 9)", "the two values of A are swapped: Monte Carlo first, then TD"),
     ),
     minutes=5,
+    digits=4,
     covers=("ex-predictor", "table-predictor", "fig-19", "cl-046"),
 )
 

@@ -76,6 +76,7 @@ Exercise(
         ),
     ),
     minutes=3,
+    digits=4,
     covers=("eq-34", "eq-35", "cl-075"),
 )
 
@@ -855,6 +856,7 @@ Exercise(
         Wrong({" ** 9": ""}, "the trace decays at each of the nine steps, not once"),
     ),
     minutes=3,
+    digits=4,
     covers=("alg-td-lambda-acc", "eq-34", "cl-061"),
 )
 

@@ -1021,7 +1021,7 @@ Exercise(
         The old policy takes two actions with the probabilities 0.5 and 0.5, the new one with 0.9 and 0.1. Compute $KL[\pi_{\theta_{old}}, \pi_\theta]$, as in {eq}`eq-ppo-45`, and $KL[\pi_\theta, \pi_{\theta_{old}}]$, with natural logarithms. Bind the two numbers, in this order, to `two_kls`.
     """,
     stub="two_kls = ...",
-    cases=lambda rng: [Case({}, (_bernoulli(0.5, 0.9), _bernoulli(0.9, 0.5)), tol=1e-3)],
+    cases=lambda rng: [Case({}, (_bernoulli(0.5, 0.9), _bernoulli(0.9, 0.5)))],
     hints=(
         r"$KL[p, q] = \sum_a p(a) \ln (p(a) / q(a))$: the weights, and what stands on top, are those of the first one.",
         r"$0.5 \ln (0.5 / 0.9) + 0.5 \ln (0.5 / 0.1)$, and $0.9 \ln (0.9 / 0.5) + 0.1 \ln (0.1 / 0.5)$.",
@@ -1048,6 +1048,7 @@ Exercise(
         Wrong("two_kls = (0.4, 0.4)", "this is how far the probabilities are apart: a KL compares their logarithms"),
     ),
     minutes=5,
+    digits=4,
     covers=("eq-ppo-45", "cl-123"),
 )
 
@@ -1131,7 +1132,7 @@ Exercise(
         $KL[\pi_{old}, \pi]$ of both steps, and bind the two numbers to `distances`.
     """,
     stub="distances = ...",
-    cases=lambda rng: [Case({}, tuple(_bernoulli(_sigmoid(a), _sigmoid(a + 1.0)) for a in (0.0, 6.0)), tol=1e-4)],
+    cases=lambda rng: [Case({}, tuple(_bernoulli(_sigmoid(a), _sigmoid(a + 1.0)) for a in (0.0, 6.0)))],
     hints=(
         r"The probabilities are 0.5 and 0.731 in the first step, 0.99753 and 0.99909 in the second.",
         r"Both actions count: $p \ln (p / q) + (1 - p) \ln ((1 - p) / (1 - q))$, with the old policy's $p$.",
@@ -1162,6 +1163,7 @@ Exercise(
         Wrong({"(kl(0, 1), kl(6, 7))": "(kl(6, 7), kl(0, 1))"}, "the two are swapped: the first step starts at 0"),
     ),
     minutes=6,
+    digits=4,
     covers=("cl-123", "ex-distance"),
 )
 

@@ -91,13 +91,15 @@ def _setup(exercises):
 
 def _statement(exercise, number, label):
     minutes = "1 minute" if exercise.minutes == 1 else f"{exercise.minutes} minutes"
+    words = {3: "three", 4: "four", 5: "five", 6: "six"}
+    digits = f" Numbers to {words[exercise.digits]} digits, or as formulas." if exercise.digits else ""
     return f"""<span id="{exercise.id}"></span>
 
 ## {number}. {exercise.title}
 
 *{label.capitalize()}; about {minutes}.*
 
-{_with_links(exercise.statement)}"""
+{_with_links(exercise.statement)}{digits}"""
 
 
 def _with_links(text):
