@@ -233,11 +233,11 @@ def test_a_value_is_not_given_away(exercise):
 
 def test_a_value_is_told_once_the_solution_was_shown():
     id = "ch01-return-by-hand"
-    assert "too high" in check(id, 4.5).message and "wrong sign" in check(id, -4.0).message
-    assert "far too high" in check(id, 400.0).message and "first digits" in check(id, 4.01).message
+    assert "too high" in check(id, 6.0).message and "wrong sign" in check(id, -5.5).message
+    assert "far too high" in check(id, 400.0).message and "first digits" in check(id, 5.51).message
     while "left" in str(solution(id)):
         hint(id)
-    assert "expected 4" in check(id, 4.5).message
+    assert "expected 5.5" in check(id, 6.0).message
 
 
 def test_what_differs_is_shown_and_can_be_taken_in_hand():

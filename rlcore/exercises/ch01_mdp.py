@@ -14,24 +14,24 @@ Exercise(
     kind="by hand",
     title="One return with pencil and paper",
     statement=r"""
-        An episode pays $R_1 = 2$, $R_2 = 0$, $R_3 = -4$, $R_4 = 24$ and ends. With $\gamma = 0.5$, what is $G_0$
+        An episode pays $R_1 = 3$, $R_2 = 1$, $R_3 = -4$, $R_4 = 24$ and ends. With $\gamma = 0.5$, what is $G_0$
         ({eq}`eq-7`)? Bind the number to `G0`.
     """,
     stub="G0 = ...",
-    cases=lambda rng: [Case({}, float(discounted_returns([2, 0, -4, 24], 0.5)[0]))],
+    cases=lambda rng: [Case({}, float(discounted_returns([3, 1, -4, 24], 0.5)[0]))],
     hints=(
         "The first reward counts in full; each later one is halved once more than the one before.",
-        "The four terms are $2$, $0$, $-4/4$ and $24/8$.",
+        "The four terms are $3$, $1/2$, $-4/4$ and $24/8$.",
     ),
-    solution="G0 = 2 + 0.5 * 0 + 0.25 * -4 + 0.125 * 24",
+    solution="G0 = 3 + 0.5 * 1 + 0.25 * -4 + 0.125 * 24",
     wrong=(
-        Wrong("G0 = 2 + 0 - 4 + 24", "gamma is missing: this is the undiscounted sum (6)"),
+        Wrong("G0 = 3 + 1 - 4 + 24", "gamma is missing: this is the plain sum of the rewards"),
         Wrong(
-            "G0 = 0.5 * 2 + 0.25 * 0 + 0.125 * -4 + 0.0625 * 24",
+            "G0 = 0.5 * 3 + 0.25 * 1 + 0.125 * -4 + 0.0625 * 24",
             "the first reward is discounted already: R_1 counts with gamma to the power 0",
         ),
         Wrong(
-            "G0 = 2 + 0.5 * 2",
+            "G0 = 3 + 0.5 * 3",
             "this is the misprinted recursion R_1 + gamma R_1; the second term must be gamma times the return G_1",
         ),
     ),

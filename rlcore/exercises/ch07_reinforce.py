@@ -120,6 +120,8 @@ Exercise(
             (rng.normal(size=2).round(1), 0),
             (rng.normal(size=3).round(1), 1),
             (np.array([1000.0, 998.0]), 1),
+            (np.array([1000.0, 0.0, 0.0, 0.0]), 3),
+            (np.array([-1000.0, 0.0, 0.5]), 0),
         )
     ],
     hints=(

@@ -290,11 +290,14 @@ Exercise(
             centred = advantages - advantages.mean(axis=0)
             return centred / (advantages.std(axis=0) + 1e-8)
     """,
-    cases=lambda rng: [
-        Case(dict(advantages=A), (A - A.mean()) / (A.std() + 1e-8))
-        for T, N in ((4, 2), (3, 3), (5, 4))
-        for A in [(rng.normal(size=(T, N)) + 2 * np.arange(N)).round(1)]
-    ],
+    cases=lambda rng: (
+        [
+            Case(dict(advantages=A), (A - A.mean()) / (A.std() + 1e-8))
+            for T, N in ((4, 2), (3, 3), (5, 4))
+            for A in [(rng.normal(size=(T, N)) + 2 * np.arange(N)).round(1)]
+        ]
+        + [Case(dict(advantages=A), (A - A.mean()) / (A.std() + 1e-8)) for A in (np.ones((2, 2)), 1e-8 * np.eye(3))]
+    ),
     hints=(
         "What does `axis=0` go along? Over how many numbers is each mean taken, and over how many should it be?",
         "Without `axis` both are taken over all the steps of all the environments.",
@@ -333,11 +336,17 @@ Exercise(
             targets = advantages + values
             return advantages, targets
     """,
-    cases=lambda rng: [
-        Case(dict(advantages=A, values=v), ((A - A.mean()) / (A.std() + 1e-8), A + v))
-        for n, scale in ((4, 100), (3, 1000), (6, 10))
-        for A, v in [((scale * (rng.normal(size=n) + 1)).round(1), rng.normal(size=n).round(1))]
-    ],
+    cases=lambda rng: (
+        [
+            Case(dict(advantages=A, values=v), ((A - A.mean()) / (A.std() + 1e-8), A + v))
+            for n, scale in ((4, 100), (3, 1000), (6, 10))
+            for A, v in [((scale * (rng.normal(size=n) + 1)).round(1), rng.normal(size=n).round(1))]
+        ]
+        + [
+            Case(dict(advantages=A, values=v), ((A - A.mean()) / (A.std() + 1e-8), A + v))
+            for A, v in ((np.ones(3), np.array([1.0, 2.0, 4.0])), (np.array([1e-8, 0.0]), np.array([0.5, -1.0])))
+        ]
+    ),
     hints=(
         "Which advantages enter the targets: those of the argument, or those of the line above?",
         "The lines are right, their order is not.",
@@ -762,7 +771,7 @@ def _clip_step(h, actions, logp_old, advantage, clip, alpha):
 
 
 def _bandit(rng, n, B):
-    return rng.normal(size=n).round(1), np.resize(np.arange(n), B), np.resize([1.0, -1.5, 2.0, -0.5, 1.5], B)
+    return rng.normal(size=n).round(1), np.resize(np.arange(n), B), np.resize([1.0, -1.5, 0.4, -0.5, 1.5], B)
 
 
 Exercise(
@@ -1249,14 +1258,20 @@ Exercise(
             ...
             return np.array(history)
     """,
-    cases=lambda rng: [
-        Case(dict(beta=beta, kls=np.array(kls) * d, d_target=d), _betas(beta, np.array(kls) * d, d))
-        for beta, d, kls in (
-            (1.0, 0.01, (0.1, 0.3, 0.9, 1.2, 1.8, 5.0)),
-            (3.0, 0.03, (2.5, 1.7, 0.6, 0.7, 1.4)),
-            (100.0, 0.003, (0.2, 0.4, 0.55, 0.8, 1.6)),
-        )
-    ],
+    cases=lambda rng: (
+        [
+            Case(dict(beta=beta, kls=np.array(kls) * d, d_target=d), _betas(beta, np.array(kls) * d, d))
+            for beta, d, kls in (
+                (1.0, 0.01, (0.1, 0.3, 0.9, 1.2, 1.8, 5.0)),
+                (3.0, 0.03, (2.5, 1.7, 0.6, 0.7, 1.4)),
+                (100.0, 0.003, (0.2, 0.4, 0.55, 0.8, 1.6)),
+            )
+        ]
+        + [
+            Case(dict(beta=2.0, kls=kls, d_target=0.75), _betas(2.0, kls, 0.75))
+            for kls in [np.array([0.5, 1.125, 0.25, 2])]
+        ]
+    ),
     hints=(
         "If the policy moved too far, should the penalty be larger or smaller?",
         "`if ... elif ...` inside the loop, and an `append` after it, whatever happened.",
@@ -1468,6 +1483,7 @@ Exercise(
             ((0, 0, 0), (4, 7.2, 0), (1, -0.5, -0.5), 0.05, 10),
             ((2, 0, 0), (-1, 2, 0), (-0.5, 1.5, 0.5), 1.0, 10),
             ((-2, 1, 0), (3, -1, 0), (2, -0.5, 0.1), 0.1, 2),
+            ((0, 0, 0), (1, -1, 0), (0, 0, 0), 1.0, 3),
         )
         for g in [
             dict(
