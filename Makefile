@@ -69,6 +69,7 @@ outputs: $(STAMP)
 # break every line on purpose: a test must fail (about an hour, resumable)
 mutation: $(STAMP)
 	@$(BIN)/python tests/mutation.py
+	@$(BIN)/python tests/mutation_exercises.py
 
 # wheel and sdist in _build/dist, tried in an environment that has nothing else
 wheel:

@@ -7,6 +7,7 @@ from collections import namedtuple
 from decimal import Decimal
 from fractions import Fraction
 
+import mutation_exercises
 import numpy as np
 import pytest
 
@@ -348,3 +349,63 @@ def test_the_answer_meets_no_expected_result():
 
     check("ch01-expected-reward", spy)
     assert check.case.got == 0
+
+
+# ---------------------------------------------------------------------- cases
+
+
+ADVERSARIAL = {  # answers that the cases of an exercise once let through
+    "ch03-bug-stops-early": (
+        {"np.abs(V_new - V).max()": "-(V_new - V).min()"},
+        {"np.abs(V_new - V).max()": "abs((V_new - V).sum())"},
+        {"np.abs(V_new - V).max()": "np.abs((V_new - V) / V_new).max()"},
+        {"change >= tol": "change > 0"},
+        {"change >= tol": "change > tol"},
+    ),
+    "ch07-score": ({"h.max()": "h.mean()"}, {"h.max()": "h[a]"}, {"h.max()": "h.min()"}),
+    "ch02-greedy-ties": (
+        {">= Q.max(axis=1, keepdims=True) - 1e-9": ">= Q.max(axis=1, keepdims=True) - 1e-2"},
+        {"Q >= Q.max(axis=1, keepdims=True) - 1e-9": "np.isclose(Q, Q.max(axis=1, keepdims=True))"},
+    ),
+    "ch03-improvement-ties": ({"1e-9": "1e-2"}, {"1e-9": "1e-8"}),
+    "ch05-three-traces": ({"0.75": "0.25"},),
+    "ch03-two-sweeps-by-hand": ({"max(7, 2 + 0.5 * 6)": "max(7, 2 + 6)"},),
+    "ch08-adaptive-beta": ({"d < d_target": "d <= d_target"}, {"d > 1.5": "d >= 1.5"}),
+    "ch01-predict-pole": ({"-(0.8**4) / (1 - 0.8**5)": "-0.61"},),
+    "ch08-predict-distances": ({"(kl(0, 1), kl(6, 7))": "(kl(0, 1), 0.0010)"},),
+    "ch03-count-model": (
+        {"counts / np.maximum(total, 1)": "np.divide(counts, total, where=total > 0, out=np.ones(counts.shape))"},
+    ),
+}
+
+
+@pytest.mark.parametrize("id, changes", [(id, c) for id, all_ in ADVERSARIAL.items() for c in all_])
+def test_answers_that_once_passed_fail(id, changes):
+    program = EXERCISES[id].solution
+    for old, new in changes.items():
+        assert old in program
+        program = program.replace(old, new)
+    with np.errstate(all="ignore"):
+        assert not mutation_exercises.passes(EXERCISES[id], EXERCISES[id].make_cases(), program)
+
+
+QUICK = (
+    "ch01-backward-returns",
+    "ch02-greedy-ties",
+    "ch03-improvement-ties",
+    "ch04-batch-answer",
+    "ch08-adaptive-beta",
+)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("id", QUICK)
+def test_every_change_of_a_solution_fails_or_has_its_reason(id):
+    n, alive = mutation_exercises.survivors(EXERCISES[id])
+    listed = {name for name in mutation_exercises.allowed() if name.startswith(f"{id}: ")}
+    assert n > 5 and set(alive) == listed
+
+
+def test_reasons_are_given_for_exercises_that_exist():
+    for name, reason in mutation_exercises.allowed().items():
+        assert name.partition(": ")[0] in EXERCISES and len(reason) > 10

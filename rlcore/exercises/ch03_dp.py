@@ -75,9 +75,9 @@ Exercise(
             ...
     """,
     cases=lambda rng: [
-        Case({**_arrays(m, *MODEL), "gamma": gamma, "tol": 1e-6}, (solution.V, solution.n_iter), tol=1e-9)
-        for m, gamma in _worlds(rng)
-        for solution in [value_iteration(m, gamma, tol=1e-6)]
+        Case({**_arrays(m, *MODEL), "gamma": gamma, "tol": tol}, (solution.V, solution.n_iter), tol=1e-9)
+        for m, gamma, tol in (*((m, gamma, 1e-6) for m, gamma in _worlds(rng)), (_corridor(4, 0.0), 0.5, 0.25))
+        for solution in [value_iteration(m, gamma, tol=tol)]
     ],
     hints=(
         "One sweep is `(prob * (reward + gamma * V[next_state])).sum(axis=2).max(axis=1)`.",

@@ -860,12 +860,19 @@ Exercise(
                 h = h + alpha * weight @ (np.eye(len(p))[actions] - p)
             return h
     """,
-    cases=lambda rng: [
-        Case(g, _clip_epochs(**g))
-        for n, B, clip, alpha, n_epochs in ((3, 6, 0.2, 0.5, 8), (2, 5, 0.1, 0.5, 5), (4, 8, 0.3, 0.5, 8))
-        for h, actions, A in [_bandit(rng, n, B)]
-        for g in [dict(h=h, actions=actions, advantage=A, clip=clip, alpha=alpha, n_epochs=n_epochs)]
-    ],
+    cases=lambda rng: (
+        [
+            Case(g, _clip_epochs(**g))
+            for n, B, clip, alpha, n_epochs in ((3, 6, 0.2, 0.5, 8), (2, 5, 0.1, 0.5, 5), (4, 8, 0.3, 0.5, 8))
+            for h, actions, A in [_bandit(rng, n, B)]
+            for g in [dict(h=h, actions=actions, advantage=A, clip=clip, alpha=alpha, n_epochs=n_epochs)]
+        ]
+        + [
+            Case(g, _clip_epochs(**g))  # the good arm has a bad sample, too
+            for g in [dict(h=np.zeros(2), actions=np.array([0, 0, 1]), advantage=np.array([2.0, -0.5, 0.3]))]
+            for g in [g | dict(clip=0.05, alpha=0.5, n_epochs=4)]
+        ]
+    ),
     hints=(
         "Print `ratio` in each epoch. What should it be in the first one, and what in the others?",
         "The old policy is the one that pulled the arms: it stays as it was until new data come.",
