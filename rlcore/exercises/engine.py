@@ -231,7 +231,7 @@ def _check(exercise, answer):
 def _results(exercise, answer):
     """(what came, the argument that was changed or None) of each case."""
     if not exercise.is_function:
-        return [(answer, None)]
+        return [(plain(answer), None)]
     return [_call(answer, given) for given in [case.given for case in exercise.make_cases()]]
 
 

@@ -74,6 +74,13 @@ def run_guarded(function: Callable[[], Any], seconds: float) -> Any:
 
 def plain(value: Any) -> Any:
     """value made of plain data only, so that whoever compares it runs no code of the answer's."""
+    try:
+        return _plain(value)
+    except RecursionError:
+        return Opaque("a list without end: it contains itself, or thousands of others")
+
+
+def _plain(value):
     if value is None or value is ... or type(value) in (bool, int, float, complex, str, Fraction, Decimal, FiniteMDP):
         return value
     if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
@@ -85,7 +92,7 @@ def plain(value: Any) -> Any:
         if value.dtype.kind != "O":
             return value
         copy = np.empty(value.shape, object)
-        copy.ravel()[:] = [plain(v) for v in value.ravel()]
+        copy.ravel()[:] = [_plain(v) for v in value.ravel()]
         return copy
     if isinstance(value, np.generic):
         return np.asarray(value)[()]
@@ -93,9 +100,9 @@ def plain(value: Any) -> Any:
         return value.detach().cpu().numpy()
     for base in (tuple, list):
         if isinstance(value, base):
-            return base(map(plain, value))
+            return base(map(_plain, value))
     if isinstance(value, dict):
-        return {plain(k): plain(v) for k, v in value.items()}
+        return {_plain(k): _plain(v) for k, v in value.items()}
     if isinstance(value, str):
         return str(value)
     if isinstance(value, numbers.Real):
@@ -120,8 +127,6 @@ def _pack(status, value, figures):
     """The outcome as bytes, at most LARGEST of them."""
     try:
         data = pickle.dumps((status, plain(value), figures))
-    except RecursionError:
-        return pickle.dumps((status, Opaque("a list without end: it contains itself"), figures))
     except (MemoryError, OverflowError):
         data = None
     except Exception as error:
