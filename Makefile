@@ -13,7 +13,7 @@ HTML := _build/html
 RUN := $(BIN)/python tests/run.py
 NOTEBOOKS := $(wildcard book/*.ipynb book/record/*.ipynb)
 
-.PHONY: book html test test-all check pages notebooks lab outputs clean install lock mutation wheel
+.PHONY: book html test test-all check pages notebooks lab outputs clean install lock mutation rows wheel
 
 install: $(STAMP)
 
@@ -70,6 +70,10 @@ outputs: $(STAMP)
 mutation: $(STAMP)
 	@$(BIN)/python tests/mutation.py
 	@$(BIN)/python tests/mutation_exercises.py
+
+# break the code once or more for each row of the ledger: its own check must notice (an hour, resumable)
+rows: $(STAMP)
+	@$(BIN)/python tests/rows.py
 
 # wheel and sdist in _build/dist, tried in an environment that has nothing else
 wheel:

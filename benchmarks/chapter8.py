@@ -59,7 +59,7 @@ def maze(setting, rng):
 
 def actions(task, cut, rng):
     """Neither clipping nor penalty as in figure 61, for a tenth of the steps, actions cut to their range or not."""
-    config = PPOConfig(objective="none", normalise_observations=True, clip_actions=cut)
+    config = PPOConfig(objective="none", normalise_observations=True, clip_actions=cut, scale_actions=False)
     run = ppo(f"{task}-v5", rng=rng, n_steps=100_000, config=config)
     h, std = run.history, np.exp(run.policy.log_std).max()
     return dict(score=run.returns[-100:].mean(), kl=np.median(h.kl), largest_kl=h.kl.max(), largest_std=float(std))

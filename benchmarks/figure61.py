@@ -40,7 +40,8 @@ def run(task, setting, n_steps, rng, *, anneal=False):
     """One run: mean return of the last 100 episodes, what the updates did, and the returns in tenths of the run."""
     if setting == RANDOM:
         return random_run(task, rng)
-    config = PPOConfig(normalise_observations=True, clip_actions=False, anneal=anneal, **SETTINGS[setting])
+    plain = dict(clip_actions=False, scale_actions=False)
+    config = PPOConfig(normalise_observations=True, anneal=anneal, **plain, **SETTINGS[setting])
     ends = []
     done = ppo(f"{task}-v5", rng=rng, n_steps=n_steps, config=config, on_episode=lambda _, steps: ends.append(steps))
     result = summary(done, ends, n_steps)

@@ -1,8 +1,8 @@
 """Every algorithm of the companion, implemented once: `from rlcore import q_learning`.
 
-INDEX says in which module each stands, chapter by chapter; a name is loaded when it is first asked for. Where a module
-and its algorithm share a name (reinforce, actor_critic, ppo, trpo, gae, explore, sweep), `rlcore.ppo` is the module and
-`rlcore.ppo.ppo` the algorithm.
+INDEX says in which module each stands, chapter by chapter, TOOLS what else a user calls; a name is loaded when it is
+first asked for. Where a module and its algorithm share a name (reinforce, actor_critic, ppo, trpo, gae, explore,
+sweep), `rlcore.ppo` is the module and `rlcore.ppo.ppo` the algorithm.
 """
 
 import importlib
@@ -54,7 +54,13 @@ INDEX = {
         "trpo": "trpo TRPOConfig conjugate_gradient trpo_step",
     },
 }
-_LISTED = {name: module for rooms in INDEX.values() for module, names in rooms.items() for name in names.split()}
+TOOLS = {  # what a user calls beside the algorithms
+    "core.running": "Interrupted",
+    "judging": "evaluate film interquartile_mean learning_curve",
+    "saving": "save load",
+}
+_ROOMS = (*INDEX.values(), TOOLS)
+_LISTED = {name: module for rooms in _ROOMS for module, names in rooms.items() for name in names.split()}
 _HOME = {name: module for name, module in _LISTED.items() if name != module}  # rlcore.ppo is the module
 __all__ = sorted(_HOME)
 

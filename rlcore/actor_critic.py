@@ -7,9 +7,10 @@ import numpy as np
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.rules import checked
+from rlcore.core.running import Watch, watched
 from rlcore.core.schedules import at
 from rlcore.core.types import ArrayLike, Network, OnEpisode, Rate, Rng, World
-from rlcore.core.worlds import act, reset
+from rlcore.core.worlds import MOST_STEPS, Guard, act, reset
 from rlcore.distributions import Categorical
 from rlcore.policies import LINEAR, add_score, choose, dot, gradient, probabilities
 from rlcore.reinforce import NETWORKS, make_networks
@@ -20,7 +21,7 @@ from rlcore.td import td_error
 def actor_critic(
     world: World, gamma: float, n_episodes: int, *, alpha: Rate = 0.01, alpha_w: Rate = 0.01,
     features: ArrayLike | None = None, theta0: ArrayLike = 0.0, w0: ArrayLike = 0.0, discount_states: bool = False,
-    p_min: float = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+    p_min: float = 0.0, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """One-step actor-critic: after each step, delta = R + gamma v_hat(S') - v_hat(S) moves both.
 
@@ -49,9 +50,11 @@ def actor_critic(
     p_min : float
         Floor of the probabilities.
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     record : int
         history keeps theta before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -92,7 +95,8 @@ def actor_critic(
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, theta, k, record)
+        if note(world, history, theta, k, record):
+            break
     return theta, w, returns, lengths, history
 
 
@@ -124,7 +128,7 @@ def actor_critic_network(
     discount_states : bool
         With the gamma^t of the theorem.
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     on_episode : OnEpisode | None
         Called as on_episode(return, steps so far) after each; True ends the training.
     rng : Rng
@@ -148,22 +152,24 @@ def actor_critic_network(
     """
     net, critic = make_networks(world, net, critic, alpha, alpha_w, rng)
     returns, lengths = [], []
-    world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
-    for _ in range(n_episodes):
-        (s, _), total, n, discount, done = world.reset(), 0.0, 0, 1.0, False
-        while not done:
-            policy = Categorical(net.forward(s))
-            a = policy.sample(rng)
-            s_next, r, terminated, truncated, _ = world.step(int(a))
-            v_next = 0.0 if terminated else critic.forward(s_next)[0]
-            delta = r + gamma * v_next - critic.forward(s)[0]  # om-baseline-update
-            critic.step(critic.backward(np.array([-delta])))
-            net.step(net.backward(-discount * delta * policy.grad_log_prob(a)))
-            total, n, s = total + r, n + 1, s_next
-            discount *= gamma if discount_states else 1.0
-            done = terminated or truncated or n == max_steps
-        returns.append(total)
-        lengths.append(n)
-        if on_episode is not None and on_episode(float(total), sum(lengths)):
-            break
-    return Run(np.array(returns, float), np.array(lengths), V=critic, policy=net)
+    guard, watch = Guard(world, seed=int(rng.spawn(1)[0].integers(2**31))), Watch(n_episodes)
+    most = max_steps or MOST_STEPS
+    with watched(watch):
+        for _ in range(n_episodes):
+            s, total, n, discount, done = guard.reset(), 0.0, 0, 1.0, False
+            while not done:
+                policy = Categorical(net.forward(s))
+                a = policy.sample(rng)
+                s_next, r, terminated, truncated = guard.step(a)
+                v_next = 0.0 if terminated else critic.forward(s_next)[0]
+                delta = r + gamma * v_next - critic.forward(s)[0]  # om-baseline-update
+                critic.step(critic.backward(np.array([-delta])))
+                net.step(net.backward(-discount * delta * policy.grad_log_prob(a)))
+                total, n, s = total + r, n + 1, s_next
+                discount *= gamma if discount_states else 1.0
+                done = terminated or truncated or n == most or bool(watch.marks[0])
+            returns.append(total)
+            lengths.append(n)
+            if watch.ended(returns, lengths, on_episode):
+                break
+    return watch.left(Run(np.array(returns, float), np.array(lengths), V=critic, policy=net))

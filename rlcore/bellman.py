@@ -11,6 +11,7 @@ import numpy as np
 
 from rlcore.core.chains import chain, reaches, require_end_of, solve_system
 from rlcore.core.checks import as_floats, check_nonnegative
+from rlcore.core.endings import bound_above, prefer_ends
 from rlcore.core.rules import checked
 from rlcore.core.types import ArrayLike, Flags, Floats, Given
 from rlcore.mdp import FiniteMDP, deterministic_policy
@@ -571,8 +572,9 @@ def policy_error_bound(mdp: FiniteMDP, pi: ArrayLike, V: ArrayLike, gamma: float
 def error_bound(mdp: FiniteMDP, V: ArrayLike, gamma: float) -> float:
     """A certified bound on max |V - v_*|, rounding included.
 
-    gamma < 1: (residual + rounding) / (1 - gamma). gamma = 1 with a cost on every step: v_* lies between the value of
-    the greedy policy and V plus the residual times the number of steps that an optimal policy can afford.
+    gamma < 1: (residual + rounding) / (1 - gamma). gamma = 1: v_* lies between the value of the greedy policy and V
+    plus the residual times the number of steps that a policy which is nearly optimal can take. That is finite where
+    policies that never end are worth minus infinity; where a loop costs nothing, the bound is inf.
 
     Parameters
     ----------
@@ -602,13 +604,15 @@ def error_bound(mdp: FiniteMDP, V: ArrayLike, gamma: float) -> float:
     change, rounding = (optimality_backup(mdp, V, gamma) - V)[~mdp.terminal], _rounding(mdp, V)
     if gamma < 1:
         return float((np.abs(change).max() + rounding) / (1 - gamma))
-    cost = -np.where(mdp.legal, mdp.expected_reward(), -np.inf)[~mdp.terminal].max()
-    if cost <= 0:
-        return np.inf
-    P, r = chain(mdp, greedy(q_from_v(mdp, V, gamma)))
+    Q = q_from_v(mdp, V, gamma)
+    pi = prefer_ends(mdp, greedy(Q), greedy_actions(Q))
+    P, r = chain(mdp, pi)
     if not reaches(P, mdp.terminal).all():
         return np.inf
     lower = solve_system(P, r, 1.0, mdp.terminal)
+    cost = -np.where(mdp.legal, mdp.expected_reward(), -np.inf)[~mdp.terminal].max()
+    if cost <= 0:
+        return max(float(np.max(V - lower) + rounding), bound_above(mdp, V, Q, pi, float(rounding)))
     most_steps = -lower.min() / cost * (1 + 1e-6)
     above = (max(change.max(), 0.0) + rounding) * most_steps
     return float(max(np.max(V - lower), above) + rounding * most_steps)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rlcore.bellman import error_bound, greedy, policy_error_bound, q_from_v, solve_policy
+from rlcore.bellman import error_bound, greedy, greedy_actions, policy_error_bound, q_from_v, solve_policy
 from rlcore.core.chains import chain, reaches
 from rlcore.core.checks import check_policy
 from rlcore.core.compiled import compiled
+from rlcore.core.endings import grow, prefer_ends, settled
 from rlcore.core.results import Solution
 from rlcore.core.rules import checked
 from rlcore.core.types import ArrayLike, Flags, Floats, Ints
@@ -204,13 +205,17 @@ def policy_iteration(
     pi = uniform_policy(mdp) if pi0 is None else pi0
     n, stable, history = 0, False, [np.zeros(mdp.n_states)]
     while not stable and n < max_iter:
+        if gamma == 1 and n > 0:
+            grow(mdp, pi)
         V = solve_policy(mdp, pi, gamma)
         pi_new = policy_improvement(mdp, V, gamma, pi=pi)
         stable = np.array_equal(pi_new, pi)
         pi, n = pi_new, n + 1
         _keep(history, V, n, record)
-    bound = error_bound(mdp, V, gamma)
-    return Solution(V, q_from_v(mdp, V, gamma), pi, n, stable, bound, _kept(history, record))
+    Q, bound = q_from_v(mdp, V, gamma), error_bound(mdp, V, gamma)
+    if gamma == 1 and stable:
+        settled(mdp, V, greedy(Q), greedy_actions(Q), 1e-9 * (1 + np.abs(V).max()))
+    return Solution(V, Q, pi, n, stable, bound, _kept(history, record))
 
 
 @checked
@@ -275,6 +280,14 @@ def value_iteration(
         _keep(history, V, n, record)
     Q, bound = q_from_v(mdp, V, gamma), error_bound(mdp, V, gamma)
     pi = greedy(Q)
+    if gamma == 1:
+        near = 1e-9 + 2 * delta / (1 + np.abs(V).max())
+        pi = (
+            settled(mdp, V, pi, greedy_actions(Q, near), near)
+            if delta < tol
+            else prefer_ends(mdp, pi, greedy_actions(Q))
+        )
+        grow(mdp, pi)
     return Solution(V, Q, pi, n, bool(delta < tol), bound, _kept(history, record))
 
 

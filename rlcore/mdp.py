@@ -134,19 +134,26 @@ class FiniteMDP(Model):
 
     @classmethod
     def from_arrays(
-        cls, P: ArrayLike, R: ArrayLike, *, terminal: ArrayLike | None = None, start: ArrayLike | None = None,
-        state_names: Sequence[Any] | None = None, action_names: Sequence[Any] | None = None,
+        cls, P: Any, R: Any, *, terminal: ArrayLike | None = None, start: ArrayLike | None = None, axes: str = "SAS",
+        normalise: bool = False, state_names: Sequence[Any] | None = None, action_names: Sequence[Any] | None = None,
     ) -> FiniteMDP:  # fmt: skip
         """Build from P (S, A, S) = p(s'|s, a) and R, either r(s, a) of shape (S, A) or r(s, a, s') of shape (S, A, S).
 
         A row of zeros in P means that the action is not in A(s); R does not matter where P is 0. terminal: (S,) bool,
-        default none; their rows of P may be zeros, their rewards must be.
+        default none; their rows of P may be zeros, their rewards must be. axes: "SAS", as quantecon has them, or
+        "ASS", as pymdptoolbox: P (A, S, S) and R (S, A), (A, S, S) or (S,). P may be scipy's sparse matrices, a list
+        of (S, S), one for each action, or one (S A, S) whose rows have the order of axes; R is (S, A) then, or sparse
+        like P. normalise: rows, which were rounded, are divided by their sums.
         """
-        return cls(*from_arrays(P, R, terminal, start), state_names, action_names)
+        return cls(*from_arrays(P, R, terminal, start, axes, normalise), state_names, action_names)
 
     @classmethod
     def from_env(cls, env: Any) -> FiniteMDP:
         """Read the transition table `P` of a gymnasium environment (FrozenLake, Taxi, CliffWalking, MDPEnv).
+
+        P[s][a], dicts or lists, are rows (probability, s_next, reward, terminated); where the fourth field lacks,
+        states that every action stays in for reward 0 are terminal. Without initial_state_distrib an episode starts in
+        any state that is not terminal.
 
         A state that is entered with terminated=True becomes terminal, hence absorbing with reward 0, whatever its own
         row says. Raises ValueError where there is no table (Blackjack), or where a state can be entered both ways.
@@ -220,7 +227,10 @@ class FiniteMDP(Model):
 
     def sampler(self) -> Sampler:
         """Arrays from which compiled loops draw: next_state, reward, cumulative probabilities, terminal, start."""
-        return Sampler(self.next_state, self.reward, cumulative(self.prob), self.terminal, cumulative(self.start))
+        terminal = self.terminal.astype(np.uint8)
+        return Sampler(
+            self.next_state, self.reward, cumulative(self.prob), terminal, cumulative(self.start), np.zeros(2, np.int64)
+        )
 
     def predecessors(self) -> tuple[Ints, Ints]:
         """States from which each state can be reached in one step, as (indptr (S + 1,), indices): those of s are
@@ -450,7 +460,7 @@ def rollout(world: World, pi: ArrayLike, n_steps: int, *, s: int | None = None, 
     if s < 0:
         s, terminated, truncated = reset(world, rng), False, False
     else:
-        terminated, truncated = world.terminal[s], False
+        terminated, truncated = world.terminal[s] == 1, False
     states[0], t = s, 0
     while t < n_steps and not terminated and not truncated:
         actions[t] = draw(pi[s], rng)

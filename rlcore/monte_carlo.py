@@ -9,7 +9,7 @@ from rlcore.core.learner import learner, log, note, prediction
 from rlcore.core.results import Run
 from rlcore.core.rules import choice
 from rlcore.core.schedules import at
-from rlcore.core.types import ArrayLike, Rate, Rng, World
+from rlcore.core.types import ArrayLike, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import episode, total
 
 
@@ -33,7 +33,7 @@ def _of_averages(given, average, returns, lengths, history, visits):
 @learner(_of_averages, target=_averages)
 def mc_prediction(
     world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, first_visit: bool = True, target: str = "v",
-    max_steps: int | None = None, record: int = 0, rng: Rng,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """v_pi or q_pi as the average of the returns that followed each visit.
 
@@ -52,10 +52,12 @@ def mc_prediction(
     target : str
         "v" for states (Run.V), "q" for pairs (Run.Q, -inf where a is not in A(s)). What is never visited keeps 0.
     max_steps : int | None
-        An episode that long is cut (its length is max_steps); it still counts, its returns summed up to the cut, so
+        An episode that long is cut, a million steps where None; it still counts, its returns summed up to the cut, so
         that each lacks what would have come after.
     record : int
         history keeps the averages before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -99,14 +101,16 @@ def mc_prediction(
             if not first_visit or first[x] == t:
                 N[x] += 1
                 average[x] += (G - average[x]) / N[x]
-        note(history, target, k, record)
+        if note(world, history, target, k, record):
+            break
     return target, returns, lengths, history, N
 
 
 @learner(prediction)
 def constant_alpha_mc(
     world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, alpha: Rate, V0: ArrayLike = 0.0,
-    first_visit: bool = False, max_steps: int | None = None, record: int = 0, rng: Rng,
+    first_visit: bool = False, max_steps: int | None = None, record: int = 0,
+    on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """v_pi by moving V(s) a step towards each return that followed s.
 
@@ -129,10 +133,12 @@ def constant_alpha_mc(
     first_visit : bool
         Only the first visit of a state in each episode counts.
     max_steps : int | None
-        An episode that long is cut; its returns, like those of a truncated one, go on with the V of the state that it
-        was left in.
+        An episode that long is cut, a million steps where None; its returns, like those of a truncated one, go on with
+        the V of the state that it was left in.
     record : int
         history keeps V before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -173,5 +179,6 @@ def constant_alpha_mc(
             if not first_visit or first[s] == t:
                 V[s] += at(alpha, N[s]) * (G - V[s])  # eq-18
                 N[s] += 1
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history, N

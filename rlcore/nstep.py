@@ -30,7 +30,7 @@ from rlcore.core.results import Run
 from rlcore.core.rules import array, checked, choice, count
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at
-from rlcore.core.types import ArrayLike, Floats, Given, Ints, Rate, Rng, World
+from rlcore.core.types import ArrayLike, Floats, Given, Ints, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import act, episode, reset, total
 from rlcore.mdp import FiniteMDP
 
@@ -336,7 +336,7 @@ def forward_increments(
 @learner(prediction)
 def n_step_td(
     world: World, pi: ArrayLike, gamma: float, n: int, n_episodes: int, *, alpha: Rate, online: bool = True,
-    V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+    V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """The values v_pi from n-step returns.
 
@@ -359,9 +359,11 @@ def n_step_td(
     V0 : ArrayLike
         A number or (S,).
     max_steps : int | None
-        An episode that long is cut, and its last targets bootstrap; None needs a policy that ends every episode.
+        An episode that long is cut, and its last targets bootstrap; None: a million steps.
     record : int
         history keeps V before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -406,14 +408,15 @@ def n_step_td(
             V += change  # eq-29
             change[:] = 0.0
         lengths[k] = t
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history
 
 
 @learner(prediction, reading=choice("in order", "summed", "recomputed"))
 def offline_lambda_return(
     world: World, pi: ArrayLike, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, reading: str = "in order",
-    V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+    V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """The values v_pi from lambda-returns, at the end of each episode.
 
@@ -438,9 +441,11 @@ def offline_lambda_return(
     V0 : ArrayLike
         First estimate, a number or (S,).
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     record : int
         history keeps the estimate before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -481,5 +486,6 @@ def offline_lambda_return(
         if reading == "summed":
             V += change  # eq-29
             change[:] = 0.0
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history

@@ -27,8 +27,8 @@ from rlcore.core.results import PlanningRun
 from rlcore.core.rules import anything, checked, count, index, sized, takes_none
 from rlcore.core.sampling import draw, step
 from rlcore.core.schedules import at, constant, now
-from rlcore.core.types import ArrayLike, Floats, Rate, Rng, World
-from rlcore.core.worlds import FOREVER, act, reset
+from rlcore.core.types import ArrayLike, Floats, OnEpisode, Rate, Rng, World
+from rlcore.core.worlds import act, reset
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP, rollout
 from rlcore.policies import control, epsilon_greedy, max_value, soft_greedy
@@ -316,12 +316,15 @@ def remember(memory: Memory, Q: Floats, s: int, a: int, untried: bool) -> None:
             memory.n_actions[s] += 1
 
 
+NEVER = np.iinfo(np.int64).max
+
+
 @takes_none
 def _change(name, change, given):
     """The rule of a world to come: (step, FiniteMDP) with the same actions and terminal states."""
     world = given["world"]
     if change is None:
-        return FOREVER, world.sampler() if isinstance(world, FiniteMDP) else None
+        return NEVER, world.sampler() if isinstance(world, FiniteMDP) else None
     if not isinstance(change, (tuple, list)) or len(change) != 2 or not isinstance(change[1], FiniteMDP):
         raise ValueError(f"{name}: got {show(change)}, must be (step, FiniteMDP)")
     step, later = check_count(name, change[0], 0), change[1]
@@ -340,7 +343,7 @@ def _with_model(given, Q, returns, lengths, history, visits, memory):
 def dyna_q(
     world: World, gamma: float, n_episodes: int, *, n_planning: int, alpha: Rate, epsilon: Rate, Q0: ArrayLike = 0.0,
     kappa: float = 0.0, max_steps: int | None = None, change: tuple[int, FiniteMDP] | None = None, record: int = 0,
-    rng: Rng,
+    on_episode: OnEpisode | None = None, rng: Rng,
 ) -> PlanningRun:  # fmt: skip
     """Q-learning that also replays n_planning remembered transitions after each real one.
 
@@ -367,11 +370,13 @@ def dyna_q(
         A transition not tried for tau steps is replayed with its reward + kappa sqrt(tau), untried actions of states
         met included (Dyna-Q+).
     max_steps : int | None
-        An episode is cut there, as a truncation.
+        An episode is cut there, as a truncation; None: a million steps.
     change : tuple[int, FiniteMDP] | None
         (step, FiniteMDP), the world from that step on.
     record : int
         history keeps Q before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -422,7 +427,8 @@ def dyna_q(
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, N, memory
 
 

@@ -132,7 +132,7 @@ def control(
     kind: Callable[..., Run] = Run, **more: Any,
 ) -> Run:  # fmt: skip
     """The Run of a loop that learned Q: V its maximum, the policy epsilon-greedy in the last Q."""
-    epsilon = float(now(given["epsilon"], returns.size, lengths.sum()))
+    epsilon = float(now(given["epsilon"], int(np.count_nonzero(lengths)), lengths.sum()))
     history = history if given["record"] else None
     policy = soft_greedy(Q, epsilon)
     return kind(returns, lengths, V=Q.max(axis=1), Q=Q, policy=policy, history=history, visits=visits, **more)

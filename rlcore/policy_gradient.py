@@ -303,7 +303,7 @@ def gradient_estimates(
     corrected : bool
         Weight each episode with the ratio of its probabilities under the two.
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     rng : Rng
         Source of all that is random.
 

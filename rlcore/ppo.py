@@ -11,6 +11,7 @@ Baselines; "paper": Schulman et al., 2017):
     +-5 (ppo1): normalise_observations
   these change before the epochs; old log-probabilities are computed with the new ones, so ratios start at 1 (ppo1)
   a truncated episode goes on with v_hat of its last state (ppo1 takes it for a terminal one)
+  continuous actions of -1 and 1 are the ends of the action space, as they are in the paper's tasks: scale_actions
   continuous actions are cut to the action space before the environment sees them (Stable-Baselines3): clip_actions
   Adam's epsilon is 1e-5, and its moments live on from rollout to rollout (ppo1)
   the learning rate falls to 0 in a straight line (paper: on Atari; ppo1: everywhere): anneal
@@ -20,15 +21,17 @@ Baselines; "paper": Schulman et al., 2017):
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from rlcore.core.agents import ActorCritic, Gradient, Policy, make_agent
+from rlcore.core.agents import AGENT, ActorCritic, Gradient, Policy, make_agent
 from rlcore.core.checks import check_flag, check_nonnegative, check_positive
+from rlcore.core.files import check_path
 from rlcore.core.results import Run
-from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
+from rlcore.core.rollouts import SETTINGS, Learning, Settings, config_of, vector_env
 from rlcore.core.rules import anything, array, checked, choice, instance, rules
 from rlcore.core.samples import finite_numbers
 from rlcore.core.types import Array, ArrayLike, Floats, Network, OnEpisode, Rng
@@ -76,6 +79,8 @@ class PPOConfig(Settings):
         Centre and scale observations by running statistics.
     clip_actions : bool
         Continuous actions are cut to the action space before the environment sees them, not in log pi.
+    scale_actions : bool
+        Continuous actions of -1 and 1 are the ends of the action space, where it has ends.
     objective : str
         "clip" (49), "none" (48), "kl_fixed" (46) or "kl_adaptive".
     clip : float
@@ -266,10 +271,11 @@ def _parts(gradient):
 # ---------------------------------------------------------------------- learning
 
 
-@checked(world=anything, config=config_of(PPOConfig), net=anything, critic=anything)
+@checked(world=anything, config=config_of(PPOConfig), net=anything, critic=anything, agent=AGENT, log=check_path)
 def ppo(
     world: Any, *, rng: Rng, n_steps: int, config: PPOConfig | None = None, net: Network | None = None,
-    critic: Network | None = None, on_episode: OnEpisode | None = None,
+    critic: Network | None = None, on_episode: OnEpisode | None = None, agent: ActorCritic | None = None,
+    log: str | os.PathLike[str] | None = None,
 ) -> Run:  # fmt: skip
     """Rollouts of T steps in N environments, each followed by K epochs of minibatch ascent on (50).
 
@@ -291,6 +297,10 @@ def ppo(
     on_episode : OnEpisode | None
         Called as on_episode(return, steps so far) for each episode that ended, after its rollout; True ends the
         training.
+    agent : ActorCritic | None
+        One to learn on with, instead of net and critic: that of an earlier run, or what `load` gives.
+    log : str | os.PathLike[str] | None
+        Name of a CSV file that gets the rows of the history while it grows.
 
     Returns
     -------
@@ -315,18 +325,19 @@ def ppo(
     array([126., 248., 371.])
     """
     env = vector_env(world, config.n_envs)
-    agent = make_agent(env, config, net, critic, rng, shared=config.shared)
-    beta, lr, steps, history = config.beta, config.lr, 0, []
-    for rollout, episodes in rollouts(env, agent, config, n_steps, on_episode, rng):
-        if config.anneal:
-            lr = config.lr * (1 - steps / n_steps)
-            agent.set_lr(lr)
-        kl, *record = improve(agent, learning_data(agent, rollout, config), config, beta, rng)
-        steps = episodes.steps
-        history.append((steps, kl, *record, beta, lr))
-        if config.objective == "kl_adaptive":
-            beta = adapt_beta(beta, max(kl, 0.0), config.d_target)  # rounding may leave it below 0
-    return make_run(agent, episodes, history, FIELDS)
+    agent = make_agent(env, config, net, critic, rng, shared=config.shared, agent=agent)
+    beta, lr, steps = config.beta, config.lr, 0
+    with Learning(env, agent, config, n_steps, FIELDS, on_episode, log, rng) as learning:
+        for rollout in learning.rollouts():
+            if config.anneal:
+                lr = config.lr * (1 - steps / n_steps)
+                agent.set_lr(lr)
+            kl, *record = improve(agent, learning_data(agent, rollout, config), config, beta, rng)
+            steps = learning.episodes.steps
+            learning.note(steps, kl, *record, beta, lr)
+            if config.objective == "kl_adaptive":
+                beta = adapt_beta(beta, max(kl, 0.0), config.d_target)  # rounding may leave it below 0
+    return learning.run()
 
 
 def improve(

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from rlcore.core.checks import Model, check_positive, is_number, show
+from rlcore.core.checks import Model, check_positive, is_discrete, is_number, show
 from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run
 from rlcore.core.rules import checked, takes_none
+from rlcore.core.running import Watch, watched
 from rlcore.core.schedules import at
 from rlcore.core.types import ArrayLike, Floats, Given, Network, OnEpisode, Rate, Rng, Rule, World
-from rlcore.core.worlds import FOREVER, open_world, total
+from rlcore.core.worlds import MOST_STEPS, Guard, open_world, total
 from rlcore.distributions import Categorical
 from rlcore.mdp import discounted_returns
 from rlcore.nn import MLP, check_network
@@ -57,7 +58,7 @@ def reinforce(
     world: World, gamma: float, n_episodes: int, *, alpha: Rate = 0.01, baseline: str | None = None,
     alpha_w: Rate = 0.01, features: ArrayLike | None = None, theta0: ArrayLike = 0.0, w0: ArrayLike = 0.0,
     every_step: bool = False, discount_states: bool = False, p_min: float = 0.0, max_steps: int | None = None,
-    record: int = 0, rng: Rng,
+    record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """Gradient ascent on J with the returns of whole episodes.
 
@@ -91,10 +92,12 @@ def reinforce(
         Floor of the probabilities; without it large step sizes end in a policy that is all but deterministic, whose
         episodes may never end.
     max_steps : int | None
-        An episode that long is cut; its returns, like those of a truncated one, go on with v_hat of the state it was
-        left in, and end there where no v_hat is learned.
+        An episode that long is cut, a million steps where None; its returns, like those of a truncated one, go on with
+        v_hat of the state it was left in, and end there where no v_hat is learned.
     record : int
         history keeps theta before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -145,7 +148,8 @@ def reinforce(
                 g_w[:] = 0.0
             if discount_states:
                 discount *= gamma
-        note(history, theta, k, record)
+        if note(world, history, theta, k, record):
+            break
     return theta, w, returns, lengths, history
 
 
@@ -158,7 +162,7 @@ def network_world(name: str, world: Any, given: Given) -> Any:
     observations, actions = getattr(world, "observation_space", None), getattr(world, "action_space", None)
     if isinstance(world, Model) or observations is None or actions is None:
         raise ValueError(f"{name}: got {type(world).__name__}, must be a gymnasium.Env or its id")
-    if not hasattr(actions, "n"):
+    if not is_discrete(actions):
         raise ValueError(f"{name}: got actions {actions}, must be Discrete: the policy is a softmax")
     if hasattr(observations, "n") or len(observations.shape or ()) != 1:
         raise ValueError(f"{name}: got observations {observations}, must be a Box of shape (n,)")
@@ -229,7 +233,7 @@ def reinforce_network(
     discount_states : bool
         With the gamma^t of the theorem.
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     on_episode : OnEpisode | None
         Called as on_episode(return, steps so far) after each; True ends the training.
     rng : Rng
@@ -253,34 +257,35 @@ def reinforce_network(
     """
     net, critic = make_networks(world, net, critic if baseline == "value" else False, alpha, alpha_w, rng)
     returns, lengths, earlier = [], [], TimeBaseline()
-    world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
-    play = _player(world, net, max_steps or FOREVER, rng)
-    for _ in range(n_episodes):
-        states, actions, rewards, terminated = play()
-        returns.append(rewards.sum())
-        lengths.append(rewards.size)
-        G = discounted_returns(rewards, gamma)  # eq-u-alg2-return
-        discount = gamma ** np.arange(rewards.size + 1)
-        if baseline == "value":
-            v = critic.forward(states)[:, 0]
-            if not terminated:  # a return that was cut goes on with the estimate
-                G += discount[:0:-1] * v[-1]
-            delta = G - v[:-1]
-            critic.step(critic.backward(-np.append(delta, 0.0)[:, None]))  # om-baseline-update
-        elif baseline == "time":
-            delta = G - earlier(G)
-        elif baseline == "normalised":
-            delta = (G - G.mean()) / (G.std() + 1e-8)
-        else:
-            delta = G - baseline
-        if discount_states:
-            delta *= discount[:-1]
-        policy = Categorical(net.forward(states[:-1]))
-        g = delta[:, None] * policy.grad_log_prob(actions)  # eq-u-alg2-gradient, eq-u-reinforce-baseline
-        net.step(net.backward(-g))  # eq-u-alg2-update
-        if on_episode is not None and on_episode(float(returns[-1]), sum(lengths)):
-            break
-    return Run(np.array(returns), np.array(lengths), V=critic, policy=net)
+    guard, watch = Guard(world, seed=int(rng.spawn(1)[0].integers(2**31))), Watch(n_episodes)
+    play = _player(guard, net, max_steps or MOST_STEPS, watch.marks, rng)
+    with watched(watch):
+        for _ in range(n_episodes):
+            states, actions, rewards, terminated = play()
+            returns.append(rewards.sum())
+            lengths.append(rewards.size)
+            G = discounted_returns(rewards, gamma)  # eq-u-alg2-return
+            discount = gamma ** np.arange(rewards.size + 1)
+            if baseline == "value":
+                v = critic.forward(states)[:, 0]
+                if not terminated:  # a return that was cut goes on with the estimate
+                    G += discount[:0:-1] * v[-1]
+                delta = G - v[:-1]
+                critic.step(critic.backward(-np.append(delta, 0.0)[:, None]))  # om-baseline-update
+            elif baseline == "time":
+                delta = G - earlier(G)
+            elif baseline == "normalised":
+                delta = (G - G.mean()) / (G.std() + 1e-8)
+            else:
+                delta = G - baseline
+            if discount_states:
+                delta *= discount[:-1]
+            policy = Categorical(net.forward(states[:-1]))
+            g = delta[:, None] * policy.grad_log_prob(actions)  # eq-u-alg2-gradient, eq-u-reinforce-baseline
+            net.step(net.backward(-g))  # eq-u-alg2-update
+            if watch.ended(returns, lengths, on_episode):
+                break
+    return watch.left(Run(np.array(returns), np.array(lengths), V=critic, policy=net))
 
 
 class TimeBaseline:
@@ -299,13 +304,13 @@ class TimeBaseline:
         return b
 
 
-def _player(env, net, max_steps, rng):
+def _player(guard, net, max_steps, marks, rng):
     """A function that plays one episode: states (T + 1, n), actions (T,), rewards (T,), terminated.
 
     The argmax of logits plus Gumbel noise is a draw from their softmax (Gumbel, 1954). Noise drawn ahead and the layers
     of an MLP spelt out make an action 8 times as fast as Categorical(net.forward(s)).sample(rng).
     """
-    A, noise = int(env.action_space.n), np.zeros((0, 1))
+    A, noise = int(guard.env.action_space.n), np.zeros((0, 1))
     dot, i = np.dot, 0
     if isinstance(net, MLP):
         layers = list(zip(net.weights, net.biases, net._sigma))  # views: they follow theta
@@ -319,7 +324,7 @@ def _player(env, net, max_steps, rng):
 
     def play():
         nonlocal i, noise
-        s, states, actions, rewards, done = env.reset()[0], [], [], [], False
+        s, states, actions, rewards, done = guard.reset(), [], [], [], False
         while not done:
             if i == len(noise):
                 i, noise = 0, rng.gumbel(size=(4096, A)).astype(net.theta.dtype)
@@ -327,9 +332,9 @@ def _player(env, net, max_steps, rng):
             i += 1
             states.append(s)
             actions.append(a)
-            s, r, terminated, truncated, _ = env.step(a)
+            s, r, terminated, truncated = guard.step(a)
             rewards.append(r)
-            done = terminated or truncated or len(rewards) == max_steps
+            done = terminated or truncated or len(rewards) == max_steps or bool(marks[0])
         states.append(s)
         return np.array(states, net.theta.dtype), np.array(actions), np.array(rewards, float), terminated
 

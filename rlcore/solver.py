@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from rlcore.bellman import error_bound, greedy, q_from_v
+from rlcore.bellman import error_bound, greedy, greedy_actions, q_from_v
 from rlcore.core.chains import chain, reaches, solve_system
 from rlcore.core.compiled import compiled
+from rlcore.core.endings import settled
 from rlcore.core.results import Solution
 from rlcore.core.rules import checked
 from rlcore.mdp import FiniteMDP, uniform_policy
@@ -78,7 +79,7 @@ def solve(mdp: FiniteMDP, gamma: float, tol: float = 1e-6) -> Solution:
     if gamma == 1:
         V, bound, n_iter = _undiscounted(mdp, tol)
         Q = q_from_v(mdp, V, gamma)
-        pi = greedy(Q)
+        pi = settled(mdp, V, greedy(Q), greedy_actions(Q), 1e-9 * (1 + np.abs(V).max()))
     elif _is_dense(mdp):
         V, Q, pi, bound, n_iter = _solve_dense(mdp, gamma, tol)
     else:

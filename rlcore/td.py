@@ -15,7 +15,7 @@ from rlcore.core.results import Run
 from rlcore.core.rules import anything, checked, elementwise, takes_none
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at, check_schedule, constant, now
-from rlcore.core.types import ArrayLike, Rate, Rng, World
+from rlcore.core.types import ArrayLike, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.policies import control, epsilon_greedy, expected_value, max_value
 
@@ -98,7 +98,7 @@ def td_error(r: ArrayLike, V: ArrayLike, V_next: ArrayLike, gamma: float, termin
 @learner(prediction)
 def td0(
     world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, alpha: Rate, V0: ArrayLike = 0.0,
-    max_steps: int | None = None, record: int = 0, rng: Rng,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """The values v_pi by tabular TD(0): each step moves V(s) towards r + gamma V(s').
 
@@ -117,10 +117,12 @@ def td0(
     V0 : ArrayLike
         A number or (S,).
     max_steps : int | None
-        An episode that long is cut, and its last step bootstraps like any other; None needs a policy that ends every
-        episode.
+        An episode that long is cut, and its last step bootstraps like any other; None: a million steps, where pi ends
+        every episode.
     record : int
         history keeps V before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -157,7 +159,8 @@ def td0(
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history, N
 
 
@@ -186,7 +189,8 @@ def _of_behaviour(given, Q, *more):
 @learner(_of_behaviour, epsilon=anything, pi=_behaviour)
 def sarsa(
     world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate | None = None,
-    pi: ArrayLike | None = None, Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+    pi: ArrayLike | None = None, Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0,
+    on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """SARSA: Q(s, a) moves towards r + gamma Q(s', a') of the action a' that is taken next.
 
@@ -207,9 +211,11 @@ def sarsa(
     Q0 : ArrayLike
         A number or (S, A).
     max_steps : int | None
-        An episode that long is cut; as in every truncated episode, its last step bootstraps.
+        An episode that long is cut, a million steps where None; as in every truncated one, its last step bootstraps.
     record : int
         history keeps Q before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -251,14 +257,15 @@ def sarsa(
             returns[k] += r
             lengths[k] += 1
             s, a, done = s_next, a_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, N
 
 
 @learner(control)
 def expected_sarsa(
     world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, Q0: ArrayLike = 0.0,
-    max_steps: int | None = None, record: int = 0, rng: Rng,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """Expected SARSA: Q(s, a) moves towards r + gamma times the mean of Q(s', .) under the epsilon-greedy policy.
 
@@ -279,9 +286,11 @@ def expected_sarsa(
     Q0 : ArrayLike
         First estimate, a number or (S, A).
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     record : int
         history keeps the estimate before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -323,14 +332,15 @@ def expected_sarsa(
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, N
 
 
 @learner(control)
 def q_learning(
     world: World, gamma: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, Q0: ArrayLike = 0.0,
-    max_steps: int | None = None, record: int = 0, rng: Rng,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """Q-learning: Q(s, a) moves towards r + gamma max over a' of Q(s', a'), whatever is done next.
 
@@ -349,9 +359,11 @@ def q_learning(
     Q0 : ArrayLike
         First estimate, a number or (S, A).
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     record : int
         history keeps the estimate before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -391,5 +403,6 @@ def q_learning(
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, N

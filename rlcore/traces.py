@@ -13,7 +13,7 @@ from rlcore.core.results import Run, WatkinsRun
 from rlcore.core.rules import anything, array, checked, choice, elementwise, takes_none
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at, now
-from rlcore.core.types import ArrayLike, Floats, Ints, Rate, Rng, World
+from rlcore.core.types import ArrayLike, Floats, Ints, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.nstep import reward_list, values_on_the_way, visited
 from rlcore.policies import control, epsilon_greedy, max_value
@@ -184,7 +184,8 @@ def credit(table: Floats, e: Floats, live: Ints, n: int, step: float, decay: flo
 @learner(prediction, trace=choice(*TRACES))
 def td_lambda(
     world: World, pi: ArrayLike, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, trace: str = "accumulating",
-    online: bool = True, V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+    online: bool = True, V0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0,
+    on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """The values v_pi by TD(lambda), each TD error credited to all states by their traces.
 
@@ -210,9 +211,11 @@ def td_lambda(
     V0 : ArrayLike
         First estimate, a number or (S,).
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     record : int
         history keeps the estimate before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -258,14 +261,15 @@ def td_lambda(
         if not online:
             V += change  # eq-29
             change[:] = 0.0
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history
 
 
 @learner(prediction)
 def true_online_td_lambda(
     world: World, pi: ArrayLike, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, V0: ArrayLike = 0.0,
-    max_steps: int | None = None, record: int = 0, rng: Rng,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """TD(lambda) whose V at each step is that of the lambda-returns up to this step.
 
@@ -288,9 +292,11 @@ def true_online_td_lambda(
     V0 : ArrayLike
         First estimate, a number or (S,).
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     record : int
         history keeps the estimate before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -334,7 +340,8 @@ def true_online_td_lambda(
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, V, k, record)
+        if note(world, history, V, k, record):
+            break
     return V, returns, lengths, history
 
 
@@ -344,7 +351,7 @@ def true_online_td_lambda(
 @learner(control, trace=choice(*TRACES))
 def sarsa_lambda(
     world: World, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, trace: str = "accumulating",
-    Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+    Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """SARSA with a trace for each pair.
 
@@ -367,9 +374,11 @@ def sarsa_lambda(
     Q0 : ArrayLike
         A number or (S, A).
     max_steps : int | None
-        An episode that long is cut, and its last step bootstraps; None: never.
+        An episode that long is cut, and its last step bootstraps; None: a million steps.
     record : int
         history keeps Q before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -414,7 +423,8 @@ def sarsa_lambda(
             returns[k] += r
             lengths[k] += 1
             s, a, done = s_next, a_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history
 
 
@@ -426,7 +436,7 @@ def _with_cuts(given, *found):
 @learner(_with_cuts, trace=choice(*TRACES))
 def watkins_q_lambda(
     world: World, gamma: float, lam: float, n_episodes: int, *, alpha: Rate, epsilon: Rate, trace: str = "accumulating",
-    Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, rng: Rng,
+    Q0: ArrayLike = 0.0, max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> WatkinsRun:  # fmt: skip
     """Watkins's Q(lambda): Q-learning with a trace for each pair, all cut at an exploratory action.
 
@@ -451,9 +461,11 @@ def watkins_q_lambda(
     Q0 : ArrayLike
         First estimate, a number or (S, A).
     max_steps : int | None
-        An episode that long is cut; None needs a policy that ends every episode.
+        An episode that long is cut; None: a million steps, where the policy ends every episode.
     record : int
         history keeps the estimate before the first and after each record-th episode; 0 keeps none.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far) is called after each episode; True ends the run. Interpreted, not compiled.
     rng : Rng
         Source of all that is random.
 
@@ -505,5 +517,6 @@ def watkins_q_lambda(
             returns[k] += r
             lengths[k] += 1
             s, a, done = s_next, a_next, terminated or truncated or lengths[k] == max_steps
-        note(history, Q, k, record)
+        if note(world, history, Q, k, record):
+            break
     return Q, returns, lengths, history, np.array(cuts, np.int64)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from rlcore.core.agents import ActorCritic, Policy, make_agent
+from rlcore.core.agents import AGENT, ActorCritic, Policy, make_agent
 from rlcore.core.checks import check_fraction, check_nonnegative, check_positive
+from rlcore.core.files import check_path
 from rlcore.core.results import Run
-from rlcore.core.rollouts import SETTINGS, Settings, config_of, make_run, rollouts, vector_env
+from rlcore.core.rollouts import SETTINGS, Learning, Settings, config_of, vector_env
 from rlcore.core.rules import anything, array, checked, count, function_of, instance, rules
 from rlcore.core.samples import finite_numbers
 from rlcore.core.types import ArrayLike, Floats, Network, OnEpisode, Rng
@@ -53,6 +55,8 @@ class TRPOConfig(Settings):
         Centre and scale observations by running statistics.
     clip_actions : bool
         Continuous actions are cut to the action space before the environment sees them, not in log pi.
+    scale_actions : bool
+        Continuous actions of -1 and 1 are the ends of the action space, where it has ends.
     delta : float
         Largest mean KL(old, new) of an update (45).
     damping : float
@@ -145,9 +149,6 @@ def _parameters(name, v, given):
     if v.shape != (P,):
         raise ValueError(f"{name}: got shape {v.shape}, must be ({P},)")
     return v
-
-
-AGENT = instance(ActorCritic, "an ActorCritic")
 
 
 @checked(agent=AGENT, policy=_policy, v=_parameters, damping=check_nonnegative)
@@ -292,10 +293,11 @@ def _set(agent, theta):
         agent.log_std[:] = theta[P:]
 
 
-@checked(world=anything, config=config_of(TRPOConfig), net=anything, critic=anything)
+@checked(world=anything, config=config_of(TRPOConfig), net=anything, critic=anything, agent=AGENT, log=check_path)
 def trpo(
     world: Any, *, rng: Rng, n_steps: int, config: TRPOConfig | None = None, net: Network | None = None,
-    critic: Network | None = None, on_episode: OnEpisode | None = None,
+    critic: Network | None = None, on_episode: OnEpisode | None = None, agent: ActorCritic | None = None,
+    log: str | os.PathLike[str] | None = None,
 ) -> Run:  # fmt: skip
     """Rollouts, each followed by one natural gradient step within the trust region.
 
@@ -319,6 +321,10 @@ def trpo(
     on_episode : OnEpisode | None
         Called as on_episode(return, steps so far) for each episode that ended, after its rollout; True ends the
         training.
+    agent : ActorCritic | None
+        One to learn on with, instead of net and critic: that of an earlier run, or what `load` gives.
+    log : str | os.PathLike[str] | None
+        Name of a CSV file that gets the rows of the history while it grows.
 
     Returns
     -------
@@ -342,16 +348,17 @@ def trpo(
     >>> trpo("CartPole-v1", n_steps=256, config=config, rng=np.random.default_rng(0)).history.steps
     array([126., 249., 374.])
     """
-    env, history = vector_env(world, config.n_envs), []
-    agent = make_agent(env, config, net, critic, rng)
-    for rollout, episodes in rollouts(env, agent, config, n_steps, on_episode, rng):
-        x, actions, advantage, target = learning_data(agent, rollout, config)
-        value_loss = float(((agent.forward(x)[1] - target) ** 2).mean())
-        record = trpo_step.unchecked(agent, x, actions, advantage, config)
-        fit_values(agent, x, target, config, rng)
-        entropy = float(agent.forward(x)[0].entropy().mean())
-        history.append((episodes.steps, *record, entropy, value_loss))
-    return make_run(agent, episodes, history, FIELDS)
+    env = vector_env(world, config.n_envs)
+    agent = make_agent(env, config, net, critic, rng, agent=agent)
+    with Learning(env, agent, config, n_steps, FIELDS, on_episode, log, rng) as learning:
+        for rollout in learning.rollouts():
+            x, actions, advantage, target = learning_data(agent, rollout, config)
+            value_loss = float(((agent.forward(x)[1] - target) ** 2).mean())
+            record = trpo_step.unchecked(agent, x, actions, advantage, config)
+            fit_values(agent, x, target, config, rng)
+            entropy = float(agent.forward(x)[0].entropy().mean())
+            learning.note(learning.episodes.steps, *record, entropy, value_loss)
+    return learning.run()
 
 
 def fit_values(agent: ActorCritic, x: Floats, target: Floats, config: TRPOConfig, rng: Rng) -> None:

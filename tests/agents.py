@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 
 from rlcore.core.agents import ActorCritic
+from rlcore.core.rollouts import Learning, Settings
 from rlcore.nn import MLP
 from rlcore.optimizers import SGD
 from rlcore.torchnet import TorchNet
@@ -13,6 +14,21 @@ D, A = 3, 2  # numbers in an observation; actions, or numbers in one
 
 def rng(seed=0):
     return np.random.default_rng(seed)
+
+
+def rollouts(env, agent, config, n_steps, on_episode, rng):
+    """What ppo and trpo learn from, and the episodes so far."""
+    learning = Learning(env, agent, config, n_steps, (), on_episode, None, rng)
+    for rollout in learning.rollouts():
+        yield rollout, learning.episodes
+
+
+def make_run(agent, episodes, rows, fields):
+    """The Run of these episodes and this history."""
+    env = type("Env", (), dict(num_envs=1))
+    learning = Learning(env, agent, Settings(), 1, fields, None, None, rng())
+    learning.episodes, learning.history = episodes, rows
+    return learning.run()
 
 
 def make_small(discrete=True, dtype=np.float64, *, shared=False, torch_net=False, optimizer=SGD, lr=0.1, seed=0):

@@ -17,8 +17,8 @@ from rlcore.mdp import FiniteMDP, rollout, uniform_policy
 
 LEFT_OUT = {  # what no user calls: the ground that the others stand on, and what only draws or declares
     f"rlcore.core.{name}"
-    for name in ("chains", "checks", "compiled", "extras", "learner", "outcomes", "results", "rules", "samples",
-                 "sampling", "types", "worlds")
+    for name in ("chains", "checks", "compiled", "endings", "extras", "files", "learner", "outcomes", "results",
+                 "rules", "running", "samples", "sampling", "sparse", "types", "worlds")
 }  # fmt: skip
 BAD = {
     "None": None, "NaN": np.nan, "infinity": np.inf, "minus infinity": -np.inf, "text": "text", "digits": "1",
@@ -43,6 +43,8 @@ def is_good(name, argument, kind):
 
 GOOD = {  # by argument, or function and argument: kinds of BAD that are slow, leave files, or give NaN rightly
     "studies.ch04.walk_error V": ["NaNs"], "sweep.sweep executor": ["None"], "sweep.sweep store": ["text", "digits"],
+    "log": ["text", "digits"], "saving.save path": ["text", "digits"], "judging.film path": ["text", "digits"],
+    "saving.save thing": list(BAD),
 }  # fmt: skip
 
 
@@ -126,10 +128,12 @@ HOLDERS = {  # what functions return or pass on, which no user makes or calls
     "batch.Batch", "core.rollouts.Rollout", "core.rollouts.OneEnv", "core.rollouts.Episodes",
     "mdp.Trajectory", "planning.Transitions", "planning.Memory", "reinforce.Baseline", "studies.ch03.Updates",
     "studies.ch04.Update", "studies.ch07.Runs", "studies.figure61.Line", "sweep.Record", "trust_region.OldPolicy",
-    "trust_region.Steps", "nstep.values_on_the_way", "traces.kept", "explore.Explorer", "envs.gym.LegalActions",
+    "trust_region.Steps", "judging.Evaluation", "judging.Curve",
+    "nstep.values_on_the_way", "traces.kept", "explore.Explorer", "envs.gym.LegalActions",
     # what algorithms that learn with networks share, called with what they have checked
-    "optimizers.take_step", "ppo.improve", "core.agents.make_agent", "core.rollouts.collect", "core.rollouts.rollouts",
-    "core.rollouts.make_run", "core.rollouts.config_of", "trpo.fit_values",
+    "optimizers.take_step", "ppo.improve", "core.agents.make_agent", "core.agents.action_box", "core.rollouts.collect",
+    "core.rollouts.Learning", "core.rollouts.Learning.rollouts", "core.rollouts.Learning.note",
+    "core.rollouts.Learning.run", "core.rollouts.config_of", "trpo.fit_values",
     "gae.learning_data", "reinforce.sizes", "reinforce.make_networks",
     "reinforce.TimeBaseline", "policies.probabilities", "policies.choose", "policies.add_score", "policies.dot",
     "policies.epsilon_greedy", "policies.max_value", "policies.expected_value", "policy_gradient.softmax_episode",
@@ -219,7 +223,8 @@ ARGUMENTS = {  # by name, for most functions
     np.array([0.5, 1.0, 1.5]), "states": lambda: np.array([0, 0, 1, 2]), "actions": lambda: np.array([0, 0, 0]),
     "z": lambda: np.array([0.5, -1.0]), "logits": lambda: np.array([[0.5, 1.0], [0.0, 2.0]]), "labels": lambda:
     np.array([0, 1]), "label": lambda: np.array([0, 1]), "x": lambda: np.array([[0.1, 0.2], [0.3, -0.4]]),
-    "data": transitions, "agent": agent, "f": lambda: cost, "table": table61, "lr": lambda: 0.1, "gamma_lam":
+    "data": transitions, "on_episode":
+    lambda: None, "agent": agent, "f": lambda: cost, "table": table61, "lr": lambda: 0.1, "gamma_lam":
     lambda: 0.5, "trace": lambda: "accumulating", "kind": lambda: "dutch", "beta": lambda: 1.0, "delta": lambda:
     0.01, "clip": lambda: 0.2, "d_target": lambda: 0.01, "d": lambda: 0.02,
 }  # fmt: skip

@@ -177,7 +177,8 @@ LABELS, TWO = (lambda: np.array([0, 1])), (lambda: np.array([0.5, -1.0]))
 POINT, UP = (lambda: np.array([1.0, 1.0])), (lambda: np.array([-1.0, -1.0]))
 AGENTS = {
     "core.agents.ActorCritic": dict(critic=critic, log_std=lambda: np.zeros(2), log_std_optimizer=adam,
-                                    normaliser=normaliser),
+
+                                    normaliser=normaliser, box=lambda: np.outer([0, 1, -1, 1], [1.0, 1])),
     "core.agents.ActorCritic.distribution": dict(outputs=D),
     "core.agents.ActorCritic.policy": dict(observations=D),
     "core.agents.ActorCritic.values": dict(observations=D),
@@ -198,10 +199,11 @@ AGENTS = {
         policy=categorical, old=categorical, actions=LABELS, old_log_prob=TWO, advantage=TWO,
         config=lambda: small(objective="kl_fixed"), beta=lambda: 1.0,
     ),
-    "ppo.ppo": dict(world=cartpole, net=net42, critic=lambda: network(4, 1), config=small, on_episode=lambda: never),
+    "ppo.ppo": dict(world=cartpole, net=net42, critic=lambda: network(4, 1), config=small, on_episode=lambda: never,
+                    agent=lambda: None),
     "trpo.trpo": dict(
         world=cartpole, net=net42, critic=lambda: network(4, 1), config=lambda: small("TRPOConfig"),
-        on_episode=lambda: never,
+        on_episode=lambda: never, agent=lambda: None,
     ),
     "trpo.conjugate_gradient": dict(product=lambda: lambda v: 2 * v, b=TWO),
     "trpo.fisher_vector_product": dict(agent=learner, policy=on_policy, v=V),
@@ -308,4 +310,36 @@ STUDIES = {
     "studies.figure61.rank_correlation": dict(x=TWO, y=TWO),
     "studies.tables.read": dict(path=lambda: Path(__file__).parents[1] / "book" / "data" / "figure56.csv"),
 }
-CALLS = NEURONS | NETWORKS | POLICIES | LEARNERS | AGENTS | REGIONS | LOSSES | WIDE | STUDIES
+
+
+def lamp():
+    """An environment that gives pictures."""
+    from test_judging import Lamp
+
+    return Lamp()
+
+
+def to_lamp():
+    return np.array([[0.0, 1.0], [1.0, 0.0]])
+
+
+def kept():
+    from rlcore.saving import save
+
+    save([1.0], Path(folder().name) / "kept.rl")
+    return Path(folder().name) / "kept.rl"
+
+
+JUDGING = {
+    "judging.evaluate": dict(agent=to_lamp, world=lamp, max_steps=lambda: 5),
+    "judging.film": dict(
+        agent=to_lamp, env=lamp, path=lambda: Path(folder().name) / "film.gif", fps=lambda: 10.0, max_steps=lambda: 5
+    ),
+    "judging.interquartile_mean": dict(scores=lambda: np.arange(5.0)),
+    "judging.learning_curve": dict(runs=lambda: [np.arange(4.0), np.ones(4)]),
+    "saving.save": dict(thing=lambda: [1.0], path=lambda: Path(folder().name) / "thing.rl"),
+    "saving.load": dict(path=kept),
+    "core.agents.ActorCritic.bounded": dict(self=learner, actions=D),
+}
+
+CALLS = JUDGING | NEURONS | NETWORKS | POLICIES | LEARNERS | AGENTS | REGIONS | LOSSES | WIDE | STUDIES

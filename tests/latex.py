@@ -23,14 +23,17 @@ IGNORED = (
     r"|\\(?:wide)?hat(?![a-zA-Z])|&|~"
 )
 TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
-RELATIONS = ("=", "<", ">", r"\le", r"\ge")
+RELATIONS = ("=", "<", ">", r"\le", r"\ge", r"\approx")
 ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert", r"\rvert")
-WORDS = "pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min|clip|UP"
+WORDS = (
+    "ell|kappa|muold|[AqvPr]old|omega|pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min"
+    "|clip|UP"
+)
 NAMES = rf"\\(?:{WORDS}|bar[a-zA-Z]|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"
 TIMED = ("Delta", "r", "LCPI", "LCLIP", "LVF")  # functions whose index is a time: r_t(\theta)
 DOTS = [[r"\dots"], [r"\cdots"], [r"\ldots"], [r"\vdots"], [r"\ddots"]]
 POLICIES = (r"\pi", r"\pi'")
-LAYERED = ("a", "b", "w", "z", "delta")  # an exponent of these is the number of a layer
+LAYERED = ("a", "b", "w", "z", "delta", "W")  # an exponent of these is the number of a layer, or a horizon
 FUNCTIONS = {r"\ln": np.log, r"\log": np.log, r"\cos": np.cos, r"\sqrt": np.sqrt}
 
 
@@ -50,6 +53,13 @@ class Scope:
     def call(self, name, subscript, args):
         table = self.tables[name, subscript, len(args)]
         return table(*args) if callable(table) else table[tuple(int(x) for x in args)]
+
+    def gradient(self, f, x):
+        return gradient(f, x)
+
+    def stand_in(self, h, state):
+        """What stands for all that comes after the horizon h in G_t^h."""
+        return self.call("V", "", [state])
 
     def variable(self, letter, at, names):
         """R_t, G_t, S_t, A_t where the names do not say."""
@@ -108,6 +118,7 @@ def chain(latex):
     text = re.sub(r"\\begin\{bmatrix\}(.*?)\\end\{bmatrix\}", _bmatrix, latex, flags=re.S)
     text = re.sub(r"\\(?:begin|end)\{\w+\*?\}|\\\\(?:\[[^]]*\])?", " ", text)
     text = re.split(r",?\s*\\(?:q?quad)\b", text)[0] if r"\quad" in text or r"\qquad" in text else text
+    text = re.sub(r"\\hat\s*([mv])_t", r"\\bar\1 _t", text)  # of Adam: corrected, not estimated
     text = re.sub(IGNORED, " ", text).strip().rstrip(".,;")
     text = re.sub(r"\\bar\s+([a-zA-Z])", r"\\bar\1 ", text)
     text = re.sub(r"\\mathbf\s*\{?1\}?", r"\\ones ", text)
@@ -189,6 +200,7 @@ class Reader:
         while self.peek() not in ENDS:
             if self.take(r"\odot"):
                 groups.append([])
+            self.take(r"\cdot")
             groups[-1].append(self.factor())
         under = self.take("/") and self.product()
 
@@ -239,6 +251,9 @@ class Reader:
         if token == r"\frac":
             over, under = self.group(), self.group()
             return lambda scope, names: over(scope, names) / under(scope, names)
+        if token == r"\partial":  # \partial_i f: the slope in the i-th parameter
+            at, body = self.index(), self.factor()
+            return lambda scope, names: scope.slope(lambda: body(scope, names), int(at(scope, names)))
         if token == r"\nabla":
             return self.nabla()
         if token == r"\bmatrix":
@@ -249,7 +264,7 @@ class Reader:
         if token == "e" and self.peek() == "^":
             return lambda scope, names: math.e
         if token == r"\infty":
-            return lambda scope, names: names.get("infinity", len(scope.rewards))
+            return lambda scope, names: names["infinity"] if "infinity" in names else len(scope.rewards)
         if token in (r"\sum", r"\prod"):
             return self.sum(sum if token == r"\sum" else math.prod)
         if token == r"\arg":
@@ -258,6 +273,9 @@ class Reader:
         if token == r"\max" and self.take(r"\{"):
             among = self.row(r"\}")
             return lambda scope, names: np.max(among(scope, names))
+        if token == r"\max" and self.take("("):
+            among = self.row(")")
+            return lambda scope, names: np.max(among(scope, names))
         if token in (r"\max", r"\sup"):
             return self.extreme(lambda pairs: max(pairs)[0])
         if token in (r"\E", r"\Pr"):
@@ -265,9 +283,9 @@ class Reader:
         if token == r"\Var":
             return self.variance()
         if token in (r"\alpha", r"\beta", r"\lambda", r"\epsilon", r"\varepsilon", r"\rho"):
-            if self.peek() == "_" and {*self.tokens[self.i + 1 : self.i + 2]} & {"t", "k", "j"}:
+            if self.peek() == "_" and {*self.tokens[self.i + 1 : self.i + 2]} & {"t", "k", "j", "0"}:
                 return self.symbol(token.strip("\\"), *self.indices(token))
-            letter = token + "_" + self.need("w", "r", "p") if self.take("_") else token
+            letter = token + "_" + self.need("w", "r", "p", "1", "2") if self.take("_") else token
             return lambda scope, names: scope.greek[letter]
         if token == "I" and self.peek() == "_":
             return self.indicator()
@@ -284,7 +302,7 @@ class Reader:
     def is_entry(self):
         """Whether (s) or (s, a) comes next, which picks from what stands in brackets before it: (T_\\pi v)(s)."""
         found = [token for token in self.tokens[self.i : self.i + 5] if re.fullmatch("[(),]|[sa]'*", token)]
-        return re.match(r"\(s'*(,a'*)?\)", "".join(found)) and self.tokens[self.i + 1] == found[1]
+        return re.match(r"\(s'*(,[as]'*)?\)", "".join(found)) and self.tokens[self.i + 1] == found[1]
 
     def entry(self, of):
         args = self.need("(") and self.row(")")
@@ -340,22 +358,24 @@ class Reader:
         """\\frac{\\partial J}{\\partial z_j^l}"""
         self.need("{"), self.need(r"\partial")
         what = self.need(self.peek() or "a cost")
+        of = self.places(*self.indices(what))
         self.need("}"), self.need("{"), self.need(r"\partial")
         token = self.need("w", "b", "z", "a")
-        slope = self.symbol(token, *self.indices(token), table="d" + what)
+        at = of + self.places(*self.indices(token))
         self.need("}")
-        return slope
+        kinds = ("d" + what, "d" + token) if of else (token, "d" + what)
+        return lambda scope, names: scope.call(*kinds, [i(scope, names) for i in at])
 
     def nabla(self):
         """The gradient of what follows with respect to theta, or W; to w where that is what it depends on."""
-        by = self.take("_") and self.need("a", "W", r"\theta")
+        by = self.take("_") and self.need("a", "h", "W", r"\theta")
         if by == "a":
             what = self.need("J")
             return lambda scope, names: scope.call("nabla_a", what, [])
         start = self.i
         body = self.factor()
-        variable = "W" if by == "W" else "w" if "w" in self.tokens[start : self.i] else "theta"
-        return lambda scope, names: gradient(lambda: body(scope, names), scope.tables[variable, "", 0])
+        variable = by if by in ("W", "h") else "w" if "w" in self.tokens[start : self.i] else "theta"
+        return lambda scope, names: scope.gradient(lambda: body(scope, names), scope.tables[variable, "", 0])
 
     def indices(self, token):
         """What stands below a letter, as tokens, and, where that counts layers, what stands above."""
@@ -374,20 +394,33 @@ class Reader:
             above = [self.group()]
         return below, above
 
-    def symbol(self, token, below, above, table="indexed"):
-        """w_{jk}^l, at l, j and k."""
-        split = [below] if {"+", "-"} & {*below} else [[token] for token in below]
-        at = above + [read(tokens) for tokens in split]
+    def places(self, below, above):
+        """w_{jk}^l, w_{12}^1: an index each where layers are counted; w_{10}, without a layer, is the tenth."""
+        apart = [x for i in below for x in (i if above and i.isdigit() else [i])]
+        split = [below] if {"+", "-"} & {*below} else [[x] for x in apart]
+        return above + [read(tokens) for tokens in split]
+
+    def symbol(self, token, below, above):
+        """w_{jk}^l, at l, j and k. Where no layers are counted, w_i^2 is a square."""
+        at = self.places(below, above)
 
         def value(scope, names):
             index = [i(scope, names) for i in at]
-            return names[token, *index] if (token, *index) in names else scope.call(token, table, index)
+            plain = (token, *index[1:]) if below else token
+            if above and plain in names:
+                return names[plain] ** index[0]
+            if any(np.ndim(i) for i in index):  # \pi_\theta
+                return scope.call(token, "indexed", index)
+            return names[token, *index] if (token, *index) in names else scope.call(token, "indexed", index)
 
         return value
 
     def name(self, token):
         """A variable, a_j^l, or a function with its arguments: v_\\pi(s), p(s', r | s, a), V_{k+1}(s)."""
         below, above = self.indices(token)
+        if above and token == "W" and self.take("("):  # W_k^h(s): after k updates towards what is known at h
+            at = [read(below), *above, *self.row_of_arguments()]
+            return lambda scope, names: scope.call("W", "timed", [x(scope, names) for x in at])
         if above or below and self.peek() != "(":
             return self.whole(token, below) or self.symbol(token, below, above)
         if not self.take("("):
@@ -401,7 +434,23 @@ class Reader:
         label = token + ("|" + str(bars.index("|")) if "|" in bars else "")
         if token in TIMED and below == ["t"]:
             args.insert(0, read(below))
-        return lambda scope, names: scope.call(label, subscript, [arg(scope, names) for arg in args])
+        timed = (label, "timed", len(args) + 1)
+
+        def value(scope, names):
+            found = [arg(scope, names) for arg in args]
+            if below and timed in scope.tables:  # E_{t-1}(s), a function at each time
+                return scope.call(label, "timed", [read(below)(scope, names), *found])
+            return scope.call(label, subscript, found)
+
+        return value
+
+    def row_of_arguments(self):
+        """What is left of f(x, y) after the first bracket."""
+        args = [self.argument()]
+        while self.take(","):
+            args.append(self.argument())
+        self.need(")")
+        return args
 
     def whole(self, token, below):
         """v_\\pi, P_\\pi, v_*: all entries at once."""
@@ -424,12 +473,18 @@ class Reader:
     def variable(self, letter):
         """R_{t+1}, G_t, S_{t+1}, A_t; T."""
         if letter == "T":
-            return lambda scope, names: names.get("T", len(scope.rewards))
+            return lambda scope, names: names["T"] if "T" in names else len(scope.rewards)
         index = self.index()
         if letter == "R" and self.tokens[self.i : self.i + 3] == ["(", r"\tau", ")"]:
             self.i, letter = self.i + 3, "R(tau)"
         if letter == "G" and self.take("^"):
             return self.to_horizon(index)
+        if letter == "A" and self.take("^"):  # A_t^{(k)}: an advantage of k steps
+            steps = self.group()
+            return lambda scope, names: scope.call("A", "steps", [index(scope, names), steps(scope, names)])
+        if letter == "L" and self.take("^"):  # L_t^h: the lambda-return of what is known at h
+            horizon = self.group()
+            return lambda scope, names: scope.call("L", "timed", [index(scope, names), horizon(scope, names)])
 
         def value(scope, names):
             at = index(scope, {"t": 0, **names})
@@ -438,17 +493,24 @@ class Reader:
         return value
 
     def to_horizon(self, index):
-        """G_t^{h}(c): the discounted rewards up to h, then c; c is read only where h is not beyond the end."""
-        horizon = self.group()
-        self.need("(")
-        rest = self.expression()
-        self.need(")")
+        """G_t^{h}(c): the discounted rewards up to h, then c; c is read only where h is not beyond the end.
+
+        G_t^{h}: the same with V(S_h) for c.
+        """
+        horizon, rest = self.group(), None
+        if self.take("("):
+            rest = self.expression()
+            self.need(")")
 
         def value(scope, names):
+            def seen(letter, at):
+                return names[letter, at] if (letter, at) in names else scope.variable(letter, at, names)
+
             t, h = int(index(scope, names)), int(horizon(scope, names))
-            paid = [names.get(("R", k), scope.rewards[k - 1]) for k in range(t + 1, min(h, len(scope.rewards)) + 1)]
-            total = sum(scope.gamma**k * r for k, r in enumerate(paid))
-            return total + scope.gamma ** (h - t) * rest(scope, names)
+            last = min(h, len(scope.rewards)) if scope.rewards is not None else h
+            total = sum(scope.gamma ** (k - t - 1) * seen("R", k) for k in range(t + 1, last + 1))
+            ends = rest(scope, names) if rest else scope.stand_in(h, seen("S", h))
+            return total + scope.gamma ** (h - t) * ends
 
         return value
 
@@ -703,7 +765,7 @@ def code(page, start):
 
 
 # what a wrong equation leads to: another number, or a text that cannot be read
-NOTICED = (AssertionError, SyntaxError, KeyError, IndexError, ValueError)
+NOTICED = (AssertionError, SyntaxError, KeyError, IndexError, ValueError, TypeError, ZeroDivisionError)
 
 
 def broken(equations, breaks):

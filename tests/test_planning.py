@@ -24,6 +24,7 @@ from rlcore.envs import (
     cartpole_upright,
     cliff_walking,
     dyna_maze,
+    gridworld,
     random_mdp,
     random_walk,
     recycling_robot,
@@ -164,6 +165,16 @@ def test_certainty_equivalence_without_optimism_may_stay_with_a_detour():
         certainty_equivalent_control(dyna_maze(), 0.95, 15, epsilon=0.0, rng=rng(seed)).lengths[-1] for seed in range(5)
     ]
     assert min(steps) >= 14 and max(steps) > 14
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 0.4])
+def test_certainty_equivalence_acts_at_random_as_often_as_it_is_told(epsilon):
+    grid = gridworld(3, 3)
+    run = certainty_equivalent_control(grid, 0.9, 200, epsilon=epsilon, rng=rng(1))
+    steps = -grid.start @ solve_policy(grid, soft_greedy(value_iteration(grid, 0.9).Q, epsilon), 1.0)  # -1 a step
+    late = run.lengths[50:]
+    # over 20 seeds at most 2.0 standard errors off; with epsilon = 0 in place of 0.4, more than 10
+    assert abs(late.mean() - steps) < 5 * late.std() / np.sqrt(late.size) + 1e-9
 
 
 def test_an_estimated_model_keeps_what_the_data_do_not_show():

@@ -7,12 +7,12 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from agents import Counter, make_small, move, rng, samples
+from agents import Counter, make_small, move, rng, rollouts, samples
 from gymnasium.vector import SyncVectorEnv
 from latex import gradient
 
 from rlcore.core.agents import ActorCritic
-from rlcore.core.rollouts import rollouts, vector_env
+from rlcore.core.rollouts import vector_env
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.gae import learning_data
 from rlcore.nn import MLP

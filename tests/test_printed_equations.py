@@ -13,7 +13,7 @@ from latex import Scope, printed, sides
 
 from rlcore.bellman import expectation_backup, expectation_backup_q, optimality_backup, optimality_backup_q, q_from_v
 from rlcore.dp import policy_improvement
-from rlcore.mdp import FiniteMDP, discounted_returns
+from rlcore.mdp import FiniteMDP, discounted_return, discounted_returns
 
 S, A, GAMMAS = 3, 2, (0.7, 0.3)
 REWARDS = (-2.0, 0.5, 3.0)
@@ -91,7 +91,11 @@ def expected(name, seed, gamma):
         "eq-3": mdp.transition_probs,
         "eq-4": mdp.expected_reward,
         "eq-5": mdp.expected_reward_sas,
-        **dict.fromkeys(("eq-6", "eq-7", "eq-8", "eq-9"), lambda: discounted_returns(rewards, gamma)),
+        **dict.fromkeys(
+            ("eq-6", "eq-7", "eq-9"),
+            lambda: np.array([discounted_return(rewards, gamma, t) for t in range(rewards.size)]),
+        ),
+        "eq-8": lambda: discounted_returns(rewards, gamma),
         **dict.fromkeys(
             ("eq-12", "om-policy-evaluation", "om-bellman-derivation"), lambda: expectation_backup(mdp, pi, v, gamma)
         ),

@@ -5,10 +5,10 @@ import re
 
 import numpy as np
 import pytest
-from agents import A, Counter, make_small, move, rng, samples
+from agents import A, Counter, make_small, move, rng, rollouts, samples
 
 from rlcore.core.agents import ActorCritic
-from rlcore.core.rollouts import rollouts, vector_env
+from rlcore.core.rollouts import vector_env
 from rlcore.gae import learning_data
 from rlcore.nn import MLP
 from rlcore.optimizers import SGD, Adam

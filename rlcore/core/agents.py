@@ -9,7 +9,7 @@ import numpy as np
 
 from rlcore.core.checks import check_positive, finite
 from rlcore.core.rules import array, check_optimizer, checked, count, instance
-from rlcore.core.samples import check_samples
+from rlcore.core.samples import check_samples, numbers
 from rlcore.core.types import BODIES, Array, ArrayLike, Floats, Network, Optimizer, Rng
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.nn import MLP, check_network, network
@@ -62,21 +62,23 @@ def _writable(name, values):
 class ActorCritic:
     """A policy and an estimate of its values: two networks, or one that shares its layers (cl-141).
 
-    net: observations (B, d) to A logits or A means; with critic None it has one output more, the value. critic:
-    observations to (B, 1). log_std: (A,) where actions are continuous, learned, the same in every state; None where
-    they are discrete. normaliser: what observations pass through first, or None.
+    net: observations (B, d) to A logits or A means; with critic None it has one output more, the value.
+    critic: observations to (B, 1). log_std: (A,) where actions are continuous, learned, the same in every state; None
+    where they are discrete. normaliser: what observations pass through first, or None. box: (4, A), what becomes of
+    continuous actions before an environment gets them: centre and half of the range that -1 to 1 is stretched to,
+    lowest, highest.
     """
 
     @checked(
         net=network, critic=network, log_std=array("A", kind=_writable), log_std_optimizer=check_optimizer,
-        normaliser=instance(Normaliser),
+        normaliser=instance(Normaliser), box=array("4", "A", kind=numbers),
     )  # fmt: skip
     def __init__(
         self, net: Network, critic: Network | None = None, log_std: Floats | None = None,
-        log_std_optimizer: Optimizer | None = None, normaliser: Normaliser | None = None,
+        log_std_optimizer: Optimizer | None = None, normaliser: Normaliser | None = None, box: Floats | None = None,
     ) -> None:  # fmt: skip
         self.net, self.critic, self.log_std, self.normaliser = net, critic, log_std, normaliser
-        self.log_std_optimizer = log_std_optimizer
+        self.log_std_optimizer, self.box = log_std_optimizer, box
         self._n, self._d = -1 if critic is None else None, getattr(net, "sizes", (None,))[0]
 
     def forward(self, x: Floats) -> tuple[Policy, Floats]:
@@ -106,13 +108,21 @@ class ActorCritic:
         return self.forward(self.see(observations))[1]
 
     def likeliest(self, observation: ArrayLike) -> int | Floats:
-        """The likeliest action for one observation (d,): a number, or (A,)."""
+        """The likeliest action for one observation (d,), as the environment takes it: a number, or (A,)."""
         x = finite("observation", observation)
         try:
             policy = self.policy(x[None])
         except ValueError:
             raise ValueError(f"observation: got shape {x.shape}, must be (d,), as the network takes it") from None
-        return int(policy.logits[0].argmax()) if self.log_std is None else policy.mean[0]
+        return int(policy.logits[0].argmax()) if self.log_std is None else self.bounded(policy.mean[0])
+
+    def bounded(self, actions: Floats) -> Floats:
+        """Continuous actions (..., A) as an environment takes them: stretched to its range, and cut to it."""
+        actions = check_samples("actions", actions, self.net.theta.dtype)
+        if self.box is None:
+            return actions
+        centre, half, low, high = self.box
+        return np.minimum(np.maximum(actions * half + centre, low), high)
 
     def step(self, d_policy: Gradient, d_values: Floats) -> None:
         """One step of every optimizer against a loss with these derivatives.
@@ -164,12 +174,29 @@ class ActorCritic:
         return outputs
 
 
+AGENT = instance(ActorCritic, "an ActorCritic")
+
+
+def action_box(space: Any, *, scale: bool, clip: bool, dtype: Any) -> Floats:
+    """The box of an ActorCritic for a Box of actions; sides without end are not stretched."""
+    low, high = (np.asarray(side, np.float64) for side in (space.low, space.high))
+    known = np.isfinite(low) & np.isfinite(high) & scale
+    with np.errstate(invalid="ignore"):
+        centre, half = np.where(known, (low + high) / 2, 0.0), np.where(known, (high - low) / 2, 1.0)
+    ends = (low, high) if clip else (np.full_like(low, -np.inf), np.full_like(high, np.inf))
+    return np.array([centre, half, *ends], dtype)
+
+
 def make_agent(
-    env: Any, config: Any, net: Network | None, critic: Network | None, rng: Rng, *, shared: bool = False
-) -> ActorCritic:
-    """Networks for the spaces of env, new ones where None."""
+    env: Any, config: Any, net: Network | None, critic: Network | None, rng: Rng, *, shared: bool = False,
+    agent: ActorCritic | None = None,
+) -> ActorCritic:  # fmt: skip
+    """Networks for the spaces of env, new ones where None; or the agent, if it fits to them."""
     d, actions = env.single_observation_space.shape[0], env.single_action_space
-    A = int(actions.n) if hasattr(actions, "n") else actions.shape[0]
+    discrete = hasattr(actions, "n")
+    A = int(actions.n) if discrete else actions.shape[0]
+    if agent is not None:
+        return _fitting(agent, net, critic, d, A, discrete, shared)
     if net is None:
         net = MLP([d, *config.hidden, A + shared], optimizer=_adam(config), rng=rng)
         net.weights[-1][:A] *= 0.01
@@ -181,9 +208,28 @@ def make_agent(
     if critic is not None:
         check_network("critic", critic, d, 1)
     normaliser = Normaliser(d, dtype=net.theta.dtype) if config.normalise_observations else None
-    if hasattr(actions, "n"):
+    if discrete:
         return ActorCritic(net, critic, normaliser=normaliser)
-    return ActorCritic(net, critic, np.zeros(A, net.theta.dtype), _adam(config), normaliser)
+    box = action_box(actions, scale=config.scale_actions, clip=config.clip_actions, dtype=net.theta.dtype)
+    return ActorCritic(net, critic, np.zeros(A, net.theta.dtype), _adam(config), normaliser, box)
+
+
+def _fitting(agent, net, critic, d, A, discrete, shared):
+    """The agent; ValueError unless it is one for these spaces, and comes alone."""
+    for name, given in (("net", net), ("critic", critic)):
+        if given is not None:
+            raise ValueError(f"{name}: got a network beside agent, must be None: the agent has its own")
+    try:
+        check_network("net", agent.net, d, A + shared)
+        if agent.critic is not None:
+            check_network("critic", agent.critic, d, 1)
+    except ValueError as error:
+        raise ValueError(f"agent: its {error}") from None
+    if (agent.critic is None) != shared or (agent.log_std is None) != discrete:
+        has = f"{'no' if agent.critic is None else 'a'} critic and {'no' if agent.log_std is None else 'a'} log_std"
+        needs = f"with shared = {shared}, for {'discrete' if discrete else 'continuous'} actions"
+        raise ValueError(f"agent: got one with {has}, must be one {needs}")
+    return agent
 
 
 def _adam(config):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rlcore.core.types import Flags, Floats, Given, Ints, Model, Rng
+from rlcore.core.types import Flags, Floats, Given, Ints, Model, Rng, World
 
 LARGEST = 10**9  # of anything that is counted
 ENTRIES = 10**8  # of an array that a world is made of, 0.8 GB
@@ -185,12 +185,30 @@ def check_world(name: str, world: Any, given: Given | None = None) -> Model:
 
 
 def model_of(world: Any) -> Model | None:
-    """The FiniteMDP that world is, or that its MDPEnv plays; None where there is none."""
-    model = world if isinstance(world, Model) else getattr(getattr(world, "unwrapped", None), "mdp", None)
-    return model if isinstance(model, Model) else None
+    """The FiniteMDP that world is, or that its MDPEnv plays as it stands there; None where there is none."""
+    if isinstance(world, Model):
+        return world
+    model = getattr(getattr(world, "unwrapped", None), "mdp", None)
+    return model if isinstance(model, Model) and veil(world) is None else None
 
 
-def spaces(world: Any) -> tuple[Flags, Flags]:
+def veil(env: Any) -> str | None:
+    """Name of the first wrapper of env that changes observations, actions or rewards; None where there is none."""
+    while (inner := getattr(env, "env", None)) is not None and inner is not env:
+        kind = type(env)
+        changes = any(hasattr(kind, name) for name in ("observation", "action", "reward"))
+        if changes or any(getattr(env, f"_{name}_space", None) is not None for name in ("observation", "action")):
+            return kind.__name__
+        env = inner
+    return None
+
+
+def is_discrete(space: Any) -> bool:
+    """Whether a space is gymnasium's Discrete: numbers from `start` on, n of them."""
+    return hasattr(space, "n") and getattr(space, "shape", None) == ()
+
+
+def spaces(world: World) -> tuple[Flags, Flags]:
     """(legal, terminal) of a world, (S, A) and (S,) bool; every action is legal and no state known to be terminal in an
     environment that is not an MDPEnv.
 
@@ -199,12 +217,13 @@ def spaces(world: Any) -> tuple[Flags, Flags]:
     model = model_of(world)
     if model is not None:
         return model.legal, model.terminal
-    sizes = [getattr(getattr(world, f"{name}_space", None), "n", None) for name in ("observation", "action")]
-    if None in sizes:
-        kind = type(world).__name__
+    found = [getattr(world, f"{name}_space", None) for name in ("observation", "action")]
+    if not all(map(is_discrete, found)):
+        kind = type(world).__name__ if None in found else f"{type(world).__name__} with {found[0]} and {found[1]}"
         raise ValueError(
             f"world: got {kind}, must be a FiniteMDP or a gymnasium.Env with Discrete observations and actions"
         )
+    sizes = [int(space.n) for space in found]
     return np.ones(sizes, bool), np.zeros(sizes[0], bool)
 
 
@@ -215,16 +234,17 @@ def check_policy(mdp: Model, pi: Any, name: str = "pi") -> Floats:
 
 def check_pi(legal: Flags, pi: Any, name: str = "pi") -> Floats:
     """As check_policy, where all that is known is which actions are legal, (S, A) bool."""
+    rounded = getattr(pi, "dtype", None) == np.float32  # as networks give them
     pi = as_floats(name, pi)
     if pi.shape != legal.shape:
         raise ValueError(f"{name}: got shape {pi.shape}, must be {legal.shape}")
-    bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= 1e-9))
+    bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= (1e-5 if rounded else 1e-9)))
     if bad.any():
         s = np.flatnonzero(bad)[0]
         raise ValueError(f"{name}: row {s} is {pi[s]}, must be probabilities that sum to 1")
     if (pi[~legal] > 0).any():
         raise ValueError(f"{name}: probability on an action that is not legal at {where((pi > 0) & ~legal)}, must be 0")
-    return pi
+    return pi / pi.sum(axis=1, keepdims=True) if rounded else pi
 
 
 def finite_values(mdp: Model, V: Any, name: str = "V") -> Floats:

@@ -83,7 +83,7 @@ def _dispatcher(function):
     """The function, compiled; its machine code is kept on disk where a folder is writable."""
     import numba
 
-    dispatcher = numba.njit(function)
+    dispatcher = numba.njit(function, nogil=getattr(function, "alone", False))
     if stamp := _sources():
         try:
             dispatcher.enable_caching()

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import functools
 import types
+import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from rlcore.core.compiled import compiled
+from rlcore.core.checks import Model
+from rlcore.core.compiled import HAVE_NUMBA, compiled
 from rlcore.core.results import Run
 from rlcore.core.rules import checker, count
+from rlcore.core.running import ENOUGH, LOST, STOPPED, Interrupted, Watch, watched
 from rlcore.core.sampling import cumulative
 from rlcore.core.schedules import check_schedule
-from rlcore.core.types import F, Floats, Given, Ints, Rule
-from rlcore.core.worlds import run_loop, step_limit, tabular_world
+from rlcore.core.types import F, Floats, Given, Ints, OnEpisode, Rng, Rule, World
+from rlcore.core.worlds import Guard, lent, step_limit, tabular_world
 
 LEARNERS = dict(
     world=tabular_world, alpha=check_schedule, epsilon=check_schedule, max_steps=step_limit, record=count(0)
@@ -28,6 +32,7 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
     The body sees what the rules return: a policy as cumulative probabilities, a schedule for a step size, a table for a
     first estimate. It starts with `world` and ends with `rng`; on a FiniteMDP it runs compiled, on a
     gymnasium.Env (or its id) interpreted, with the same bits. What it returns, result(given, *found) makes a Run of.
+    on_episode is called by an interpreted loop in place of the body, which does not see it.
     """
 
     def decorate(function):
@@ -36,17 +41,44 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
         @functools.wraps(function)
         def call(*args, **kwargs):
             given = check(*args, **kwargs)
+            inputs = given | {"on_episode": None} if "on_episode" in given else given  # compiled loops call nobody
             inputs = [
                 cumulative(value) if name == "pi" and value is not None else value
-                for name, value in given.items()
+                for name, value in inputs.items()
                 if name not in ("world", "rng")
             ]
-            return result(given, *run_loop(loop, given["world"], *inputs, rng=given["rng"]))
+            told = dict(n=given.get("n_episodes", 0), on_episode=given.get("on_episode"))
+            found, (why, ended) = run_loop(loop, given["world"], *inputs, rng=given["rng"], **told)
+            if why == LOST:
+                raise ValueError(_lost(given, found, ended))
+            if np.isnan(found[0]).any():
+                warnings.warn(_lost(given, found, ended), RuntimeWarning, stacklevel=2)
+            made = result(given, *found)
+            made = shorter(made, given, interrupted=why == STOPPED) if why and isinstance(made, Run) else made
+            if why == STOPPED:
+                raise Interrupted(made)
+            return made
 
         call.loop = loop
         return call
 
     return decorate
+
+
+def _lost(given, found, ended):
+    """What to say where estimates are no numbers any more; ended: how many episodes have."""
+    name = next((name for name in ("alpha", "alpha_w") if name in given), "gamma")
+    got = getattr(given.get(name), "first", given.get(name))
+    lengths = next((x for x in found[1:] if getattr(x, "dtype", None) == np.int64 and x.ndim == 1), np.zeros(1, int))
+    place = f"in episode {ended}, step {lengths[max(ended - 1, 0)]} or before"
+    return f"{name}: got {got}, must be smaller: estimates are no finite numbers any more {place}"
+
+
+def shorter(run: Run, given: Given, *, interrupted: bool) -> Run:
+    """The Run of the episodes that were begun, where it was to have more of them."""
+    n, record = np.count_nonzero(run.lengths), given["record"]
+    history = None if run.history is None else run.history[: 1 + n // record]
+    return replace(run, returns=run.returns[:n], lengths=run.lengths[:n], history=history, interrupted=interrupted)
 
 
 def _positional(function):
@@ -55,6 +87,7 @@ def _positional(function):
     code = code.replace(co_argcount=code.co_argcount + code.co_kwonlyargcount, co_kwonlyargcount=0)
     flat = types.FunctionType(code, function.__globals__, function.__name__)
     flat.__qualname__, flat.__module__ = function.__qualname__, function.__module__
+    flat.alone = True  # other threads run meanwhile, such as the one that hears Ctrl-C
     return flat
 
 
@@ -67,10 +100,103 @@ def log(table: Floats, n_episodes: int, record: int) -> tuple[Floats, Ints, Floa
 
 
 @compiled
-def note(history: Floats, table: Floats, k: int, record: int) -> None:
-    """Keep the table after episode k, where it is one of those that are kept."""
+def note(world: Any, history: Floats, table: Floats, k: int, record: int) -> bool:
+    """Keep the table after episode k, where it is one of those that are kept. True: this was the last episode.
+
+    That is so where the run was stopped, or where the table holds what is no number, which is looked at now and then.
+    """
     if record and (k + 1) % record == 0:
         history[(k + 1) // record] = table
+    world.marks[1] = k + 1
+    if k % 64 == 63:
+        flat = table.reshape(-1)
+        first = k // 64 * 256 % flat.size
+        for x in flat[first : first + 256]:
+            if not x < np.inf:
+                world.marks[0] = LOST
+    return world.marks[0] != 0
+
+
+# ---------------------------------------------------------------------- where it runs
+
+
+def run_loop(
+    loop: Callable[..., Any], world: World, *args: Any, rng: Rng, n: int = 0, on_episode: OnEpisode | None = None
+) -> Any:
+    """(loop(world, *args, rng), watch) on a FiniteMDP; where world is an environment, the same body with its steps.
+
+    The environment draws from `rng`, too, so that MDPEnv(mdp) gives what mdp gives, bit by bit. n: episodes, for a bar.
+    """
+    watch = Watch(n)
+    with watched(watch):
+        if isinstance(world, Model):
+            sampler = world.sampler()._replace(marks=watch.marks)
+            watch.terminal = sampler.terminal
+            if on_episode is not None or not HAVE_NUMBA:
+                told = _Told(watch, on_episode)
+                loop = interpreted(loop, log=told.log, note=told.note)
+            return loop(sampler, *args, rng), watch.marks.tolist()
+        with lent(world, rng):
+            guard, told = Guard(world, seed=int(rng.spawn(1)[0].integers(2**31))), _Told(watch, on_episode)
+            world.unwrapped.np_random = rng
+            changes = dict(
+                log=told.log, note=told.note, reset=lambda env, rng: guard.reset(), act=_acting(guard, watch)
+            )
+            return interpreted(loop, **changes)(world, *args, rng), watch.marks.tolist()
+
+
+def _acting(guard, watch):
+    step = guard.step
+
+    def act(env, s, a, rng):
+        if a < 0:  # no action is the best one: the estimates are no numbers any more
+            watch.stop(LOST)
+            return s, 0.0, False, True
+        s_next, r, terminated, truncated = step(a)
+        return s_next, r, terminated, truncated or watch.asked
+
+    return act
+
+
+class _Told:
+    """What an interpreted loop calls for log and note: it tells on_episode, and the bar, how far it is."""
+
+    def __init__(self, watch, on_episode):
+        self.watch, self.on_episode, self.steps = watch, on_episode, 0
+
+    def log(self, table, n_episodes, record):
+        found = log(table, n_episodes, record)
+        self.returns, self.lengths, _ = found
+        return found
+
+    def note(self, world, history, table, k, record):
+        if record and (k + 1) % record == 0:
+            history[(k + 1) // record] = table
+        self.watch.marks[1] = k + 1
+        if k % 16 == 15 and not (table < np.inf).all():
+            self.watch.stop(LOST)
+        elif self.on_episode is not None:
+            self.steps += int(self.lengths[k])
+            if self.on_episode(float(self.returns[k]), self.steps):
+                self.watch.stop(ENOUGH)
+        return bool(self.watch.marks[0])
+
+
+def interpreted(loop: Callable[..., Any], **changes: Any) -> Callable[..., Any]:
+    """The Python body of a compiled function, and of those that act for it, with other globals, formulas unchecked."""
+    body = getattr(loop, "__wrapped__", None) or getattr(loop, "py_func", loop)
+    names = body.__globals__ | changes
+    for name in names.keys() & set(body.__code__.co_names):
+        formula = getattr(names[name], "unchecked", None)
+        if formula is not None or name in RECORDERS:
+            names[name] = interpreted(formula or names[name], **changes)
+    return types.FunctionType(body.__code__, names, body.__name__, body.__defaults__)
+
+
+RECORDERS = {"episode", "softmax_episode"}  # compiled functions that act in the world, called by learners
+
+
+# ---------------------------------------------------------------------- what it leaves
 
 
 def prediction(

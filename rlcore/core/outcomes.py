@@ -7,8 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from rlcore.core.checks import as_flags, as_floats, check_entries, check_index, is_number, show
-from rlcore.core.rules import anything, array, checked, rule_of
+from rlcore.core.checks import (
+    as_flags,
+    as_floats,
+    check_entries,
+    check_flag,
+    check_index,
+    is_number,
+    show,
+    veil,
+)
+from rlcore.core.rules import anything, array, checked, choice, rule_of
+from rlcore.core.sparse import from_sparse, is_sparse
 from rlcore.core.types import Array, ArrayLike, Given, Model
 
 INT32 = np.iinfo(np.int32)
@@ -86,9 +96,25 @@ def _rewards(name, R, given):
     return R
 
 
-@checked(P=_square, R=_rewards, terminal=rule_of(as_flags), start=anything)
-def from_arrays(P: ArrayLike, R: ArrayLike, terminal: ArrayLike | None = None, start: Any = None) -> tuple[Array, ...]:
-    """The same of p(s'|s, a) (S, A, S) and r(s, a) or r(s, a, s')."""
+@checked(
+    P=anything, R=anything, terminal=rule_of(as_flags), start=anything, axes=choice("SAS", "ASS"), normalise=check_flag,
+)  # fmt: skip
+def from_arrays(
+    P: Any, R: Any, terminal: ArrayLike | None = None, start: Any = None, axes: str = "SAS", normalise: bool = False
+) -> tuple[Array, ...]:
+    """The same of p(s'|s, a) (S, A, S) and r(s, a) or r(s, a, s'), or of sparse matrices, in either order of axes."""
+    if is_sparse(P):
+        *arrays, terminal = from_sparse(P, R, terminal, axes, normalise)
+        return *freeze(*arrays), terminal, _start(start, terminal)
+    if axes == "ASS":
+        P, R = as_floats("P", P), as_floats("R", R)
+        P, R = (x.transpose(1, 0, 2) if x.ndim == 3 else x for x in (P, R))
+        R = np.repeat(R[:, None], P.shape[1], axis=1) if R.ndim == 1 and P.ndim == 3 else R
+    return _from_dense(P, R, terminal, start, normalise)
+
+
+@checked(P=_square, R=_rewards, terminal=anything, start=anything, normalise=anything)
+def _from_dense(P, R, terminal, start, normalise):
     R = np.broadcast_to(R if R.ndim == 3 else R[:, :, None], P.shape)
     terminal = np.zeros(len(P), bool) if terminal is None else terminal
     if terminal.shape != (len(P),):
@@ -104,39 +130,61 @@ def from_arrays(P: ArrayLike, R: ArrayLike, terminal: ArrayLike | None = None, s
     order = np.argsort(P == 0, axis=2, kind="stable")[:, :, :K]  # positive entries first, in order of s'
     prob = np.take_along_axis(P, order, axis=2)
     legal = (prob > 0).any(axis=2) | terminal[:, None]
+    if normalise:
+        prob = np.divide(prob, prob.sum(axis=2, keepdims=True), out=prob, where=legal[:, :, None])
     reward = np.where(prob > 0, np.take_along_axis(R, order, axis=2), 0.0)
     prob[terminal], prob[terminal, :, 0], order[terminal] = 0.0, 1.0, np.flatnonzero(terminal)[:, None, None]
     return order, *freeze(prob, reward, legal), terminal, _start(start, terminal)
 
 
-def from_env(env: Any) -> tuple[dict[tuple[int, int], Any], dict[Any, Any], Given]:
-    """Outcomes, the table `P` of a gymnasium environment, and its sizes, start and names."""
+def from_env(env: Any) -> tuple[dict[tuple[int, int], Any], dict[tuple[int, int], Any], Given]:
+    """Outcomes, the rows (p, s', r, ends) that the table `P` of an environment has, and sizes, start and names."""
+    if (changed := veil(env)) is not None:
+        raise ValueError(f"env: got one in a {changed}, which its table knows nothing of; must be env.unwrapped")
     env = getattr(env, "unwrapped", env)
     table = getattr(env, "P", None)
     if table is None:
         raise ValueError(
             f"env: {type(env).__name__} has no transition table P; from_env reads toy-text tables, must have one"
         )
-    S, A = int(env.observation_space.n), int(env.action_space.n)
-    terminal = {s2 for row in table.values() for out in row.values() for p, s2, _, done in out if done and p > 0}
-    outcomes = {
-        (s, a): [(p, s2, r) for p, s2, r, _ in out]
-        for s, row in table.items()
-        if s not in terminal
-        for a, out in row.items()
-    }
-    start = np.asarray(env.initial_state_distrib, float)
+    table = {(s, a): [_row(s, a, row) for row in out] for s, rows in _items(table) for a, out in _items(rows)}
+    S = _size(env, "observation", 1 + max(s for s, _ in table))
+    A = _size(env, "action", 1 + max(a for _, a in table))
+    terminal = {s2 for out in table.values() for p, s2, _, done in out if done and p > 0}
+    told = any(done is not None for out in table.values() for *_, done in out)
+    if not told:  # three fields: what ends is what stays for ever, for nothing
+        stays = [all(s2 == s and not r for p, s2, r, _ in out if p > 0) for (s, _), out in table.items()]
+        terminal = {s for s in range(S) if all(stay for (other, _), stay in zip(table, stays) if other == s)}
+    outcomes = {(s, a): [row[:3] for row in out] for (s, a), out in table.items() if s not in terminal}
+    start = getattr(env, "initial_state_distrib", None)
     names = {f"{kind}_names": getattr(env, f"{kind}_names", None) for kind in ("state", "action")}
-    return outcomes, table, dict(n_states=S, n_actions=A, start=start, **names)
+    settings = dict(n_states=S, n_actions=A, start=None if start is None else np.asarray(start, float), **names)
+    return outcomes, table if told else {}, settings
 
 
-def check_ends(mdp: Model, table: Any) -> None:
+def _items(table):
+    """Pairs of a dict, or of a list and its places."""
+    return table.items() if isinstance(table, dict) else enumerate(table)
+
+
+def _row(s, a, row):
+    if not isinstance(row, (tuple, list)) or len(row) not in (3, 4):
+        raise ValueError(f"env: P has {show(row)} at (s={s}, a={a}), must be (probability, s_next, reward[, ends])")
+    return (*row, None)[:4]
+
+
+def _size(env, kind, least):
+    n = getattr(getattr(env, f"{kind}_space", None), "n", None)
+    return least if n is None else int(n)
+
+
+def check_ends(mdp: Model, table: dict[tuple[int, int], Any]) -> None:
     """ValueError where a state that ends an episode can also be entered without ending it."""
-    for s in np.flatnonzero(_reachable(mdp) & ~mdp.terminal):
-        for a, out in table[s].items():
-            for p, s_next, _, done in out:
-                if p > 0 and not done and mdp.terminal[s_next]:
-                    raise ValueError(f"env: (s={s}, a={a}) enters the terminal state {s_next} with terminated=False")
+    met = _reachable(mdp) & ~mdp.terminal
+    for (s, a), out in table.items():
+        for p, s_next, _, done in out if met[s] else ():
+            if p > 0 and not done and mdp.terminal[s_next]:
+                raise ValueError(f"env: (s={s}, a={a}) enters the terminal state {s_next} with terminated=False")
 
 
 def names(name: str, values: Any) -> tuple[Any, ...]:

@@ -71,6 +71,8 @@ class Run:
         Updates of each state (S,) or pair (S, A).
     weights : np.ndarray | None
         theta of a linear policy, (A, d).
+    interrupted : bool
+        Whether Ctrl-C ended it before its time.
 
     Examples
     --------
@@ -90,14 +92,14 @@ class Run:
     history: np.ndarray | None = None
     visits: np.ndarray | None = None
     weights: np.ndarray | None = None
+    interrupted: bool = False
 
     def __repr__(self) -> str:
         size = f"{self.returns.size} episodes, {self.lengths.sum():,} steps"
-        held = {name: value for name, value in vars(self).items() if value is not None}
-        held = [
-            f"{k} {getattr(v, 'shape', type(v).__name__)}" for k, v in held.items() if k not in ("returns", "lengths")
-        ]
-        return f"{type(self).__name__}({', '.join([size, *held])})"
+        told = ("returns", "lengths", "interrupted")
+        held = {name: value for name, value in vars(self).items() if value is not None and name not in told}
+        held = [f"{k} {getattr(v, 'shape', type(v).__name__)}" for k, v in held.items()]
+        return f"{type(self).__name__}({', '.join([size, *held, *['interrupted'] * self.interrupted])})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

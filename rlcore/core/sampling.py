@@ -10,7 +10,7 @@ import numpy as np
 from rlcore.core.compiled import compiled
 from rlcore.core.types import ArrayLike, Floats, Rng
 
-Sampler = namedtuple("Sampler", "next_state reward cdf terminal start_cdf")
+Sampler = namedtuple("Sampler", "next_state reward cdf terminal start_cdf marks")
 
 
 def cumulative(prob: ArrayLike) -> Floats:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import types
-from collections.abc import Callable
-from typing import Any
+import operator
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn
 
 import numpy as np
 
 from rlcore.core.chains import ends
-from rlcore.core.checks import Model, check_count, show, spaces
-from rlcore.core.compiled import HAVE_NUMBA, compiled
+from rlcore.core.checks import HUGE, Model, check_count, is_discrete, show, spaces
+from rlcore.core.compiled import compiled
 from rlcore.core.extras import extra
 from rlcore.core.rules import takes_none
+from rlcore.core.running import CUT
+from rlcore.core.samples import all_finite
 from rlcore.core.sampling import draw, step
-from rlcore.core.types import Floats, Given, Ints, Rng, World
+from rlcore.core.types import Floats, Given, Ints, Rng
 
-FOREVER = np.iinfo(np.int64).max
+MOST_STEPS = 1_000_000  # of an episode, where max_steps is None
 
 
 @compiled
@@ -27,9 +30,13 @@ def reset(world: Any, rng: Rng) -> int:
 
 @compiled
 def act(world: Any, s: int, a: int, rng: Rng) -> tuple[int, float, bool, bool]:
-    """(s', r, terminated, truncated) of one step. A FiniteMDP truncates nothing: the loops count max_steps."""
+    """(s', r, terminated, truncated) of one step. A FiniteMDP truncates where the run is stopped.
+
+    One number says both: a second array to look into costs 3 % of a step.
+    """
     s_next, r = step(world, s, a, rng)
-    return s_next, r, world.terminal[s_next], False
+    end = world.terminal[s_next]
+    return s_next, r, end == 1, end == CUT
 
 
 @compiled
@@ -62,39 +69,138 @@ def total(rewards: Floats) -> float:
     return G
 
 
-def _reset_env(env, rng):
-    return int(env.reset()[0])
+# ---------------------------------------------------------------------- environments
 
 
-def _act_env(env, s, a, rng):
-    s_next, r, terminated, truncated, _ = env.step(int(a))
-    return int(s_next), float(r), bool(terminated), bool(truncated)
+class Guard:
+    """An environment, each of its answers looked at before anything learns from it; states are counted from 0.
 
-
-def run_loop(loop: Callable[..., Any], world: World, *args: Any, rng: Rng) -> Any:
-    """loop(world, *args, rng) on a FiniteMDP; where world is an environment, the same body with its reset and step.
-
-    The environment draws from `rng`, too, so that MDPEnv(mdp) gives what mdp gives, bit by bit.
+    reset() gives an observation; step(a) an observation, a reward and whether the episode was terminated or truncated.
+    Observations are ints where the space is Discrete, else arrays of numbers of the space's shape. What an environment
+    must not answer is a ValueError, an error of its own is passed on, both with the episode and the step.
     """
-    if isinstance(world, Model):
-        return (loop if HAVE_NUMBA else _interpreted(loop))(world.sampler(), *args, rng)
-    world.reset(seed=int(rng.spawn(1)[0].integers(2**31)))
-    world.unwrapped.np_random = rng
-    return _interpreted(loop, reset=_reset_env, act=_act_env)(world, *args, rng)
+
+    def __init__(self, env: Any, seed: int | None = None) -> None:
+        self.env, self.episode, self.t = env, 0, 0
+        self._step, actions = env.step, env.action_space
+        self._see = self._discrete if is_discrete(env.observation_space) else self._vector
+        if is_discrete(actions):
+            first = int(getattr(actions, "start", 0))
+            self._actions = range(first, first + int(actions.n)) if first else None
+        else:
+            self._actions = None
+        self._send = int if is_discrete(actions) else np.asarray
+        space = env.observation_space
+        self._shape, self._dtype = getattr(space, "shape", None), getattr(space, "dtype", None)
+        self._first, self._n = 0, 0
+        if is_discrete(space):
+            self._first, self._n = int(getattr(space, "start", 0)), int(space.n)
+        if seed is not None:  # of what it draws from; the first episode is yet to begin
+            self.reset(seed=seed)
+            self.episode = 0
+
+    def reset(self, **options: Any) -> Any:
+        self.episode, self.t = self.episode + 1, 0
+        found = self._asked(self.env.reset, "reset", **options)
+        if not (isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], dict)):
+            self._complain(f"reset gave {show(found)}", "(observation, info); without info it is the old API of gym")
+        return self._see(found[0])
+
+    def step(self, a: Any) -> tuple[Any, float, bool, bool]:
+        self.t += 1
+        a = self._send(a)
+        try:
+            answer = self._step(a if self._actions is None else self._actions[a])
+        except Exception as error:
+            error.add_note(f"in the step of the environment, {self._place()}")
+            raise
+        if type(answer) is not tuple or len(answer) != 5:
+            self._complain_of_size(answer)
+        s, r, terminated, truncated, _ = answer
+        if type(r) is not float:
+            r = float(r) if type(r) is int and -HUGE <= r <= HUGE else self._number(r)
+        if not -HUGE <= r <= HUGE:
+            self._complain(f"reward {r}", "a finite number")
+        if type(terminated) is not bool:
+            terminated = self._flag("terminated", terminated)
+        if type(truncated) is not bool:
+            truncated = self._flag("truncated", truncated)
+        if type(s) is int and self._first == 0 and 0 <= s < self._n:
+            return s, r, terminated, truncated
+        return self._see(s), r, terminated, truncated
+
+    def _asked(self, call, what, **options):
+        try:
+            return call(**options)
+        except Exception as error:
+            error.add_note(f"in the {what} of the environment, {self._place()}")
+            raise
+
+    def _discrete(self, s):
+        if type(s) is not int:
+            try:
+                s = operator.index(s)
+            except TypeError:
+                self._complain(f"observation {show(s)}", f"a whole number, as {self.env.observation_space} says")
+        s -= self._first
+        if not 0 <= s < self._n:
+            self._complain(f"observation {s + self._first}", f"in {self.env.observation_space}")
+        return s
+
+    def _vector(self, s):
+        if type(s) is not np.ndarray or s.dtype.kind != "f":
+            s = self._numbers(s)
+        if s.shape != self._shape:
+            self._complain(f"an observation of shape {s.shape}", f"of shape {self._shape}, as the space says")
+        if not all_finite(s):
+            self._complain(f"observation {show(s)}", "finite")
+        return s
+
+    def _numbers(self, s):
+        try:
+            s = np.asarray(s)
+        except ValueError:
+            s = np.array(None)
+        if s.dtype.kind not in "biuf":
+            self._complain(f"observation {show(s)}", "numbers")
+        return s.astype(self._dtype if np.dtype(self._dtype).kind == "f" else float)
+
+    def _number(self, r):
+        found = np.asarray(r) if isinstance(r, (int, float, np.ndarray, np.generic, list, tuple)) else np.array(None)
+        if found.shape not in ((), (1,)) or found.dtype.kind not in "biuf":
+            self._complain(f"reward {show(r)}", "a number")
+        return float(found.reshape(()))
+
+    def _flag(self, name, value):
+        found = np.asarray(value)
+        if found.shape not in ((), (1,)) or found.dtype.kind not in "biu" or found.reshape(()) not in (0, 1):
+            self._complain(f"{name} {show(value)}", "True or False")
+        return bool(found.reshape(()))
+
+    def _place(self):
+        return f"episode {self.episode}, step {self.t}"
+
+    def _complain(self, what: str, must: str) -> NoReturn:
+        raise ValueError(f"world: {what} in {self._place()}, must be {must}")
+
+    def _complain_of_size(self, answer: Any) -> NoReturn:
+        size = f"{len(answer)} values" if isinstance(answer, tuple) else show(answer)
+        old = "; four are the old API of gym" if isinstance(answer, tuple) and len(answer) == 4 else ""
+        self._complain(f"step gave {size}", f"(observation, reward, terminated, truncated, info){old}")
 
 
-def _interpreted(loop, **changes):
-    """The Python body of a compiled function, and of those that act for it, with other globals, formulas unchecked."""
-    body = getattr(loop, "__wrapped__", None) or getattr(loop, "py_func", loop)
-    names = body.__globals__ | changes
-    for name in names.keys() & set(body.__code__.co_names):
-        formula = getattr(names[name], "unchecked", None)
-        if formula is not None or name in RECORDERS:
-            names[name] = _interpreted(formula or names[name], **changes)
-    return types.FunctionType(body.__code__, names, body.__name__, body.__defaults__)
-
-
-RECORDERS = {"episode", "softmax_episode"}  # compiled functions that act in the world, called by learners
+@contextmanager
+def lent(env: Any, rng: Rng) -> Iterator[None]:
+    """env draws from rng inside, and from what it drew from before afterwards."""
+    inner = getattr(env, "unwrapped", env)
+    names = ("_np_random", "_np_random_seed", "np_random")
+    before = {name: vars(inner)[name] for name in names if name in vars(inner)}
+    try:
+        yield
+    finally:
+        for name in names:
+            vars(inner).pop(name, None)
+        vars(inner).update(before)
 
 
 def open_world(name: str, world: Any, given: Given | None = None) -> Any:
@@ -120,7 +226,7 @@ def tabular_world(name: str, world: Any, given: Given) -> Any:
 
 @takes_none
 def step_limit(name: str, max_steps: Any, given: Given) -> int:
-    """The rule of max_steps: None, for no limit, is refused where an episode may never end."""
+    """The rule of max_steps: None is MOST_STEPS, and is refused where it is certain that an episode never ends."""
     if max_steps is not None:
         return check_count(name, max_steps)
     world, pi = given["world"], given.get("pi")
@@ -128,4 +234,4 @@ def step_limit(name: str, max_steps: Any, given: Given) -> int:
         pi = world.legal / world.legal.sum(axis=1, keepdims=True) if pi is None else pi
         if not ends(world, pi):
             raise ValueError(f"{name}: got None, must be a number because some episode under pi never ends")
-    return FOREVER
+    return MOST_STEPS

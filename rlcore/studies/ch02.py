@@ -15,7 +15,7 @@ from rlcore.core.results import Run
 from rlcore.core.rules import checked, count, rules
 from rlcore.core.sampling import draw
 from rlcore.core.schedules import at
-from rlcore.core.types import ArrayLike, Floats, Rate, Rng, World
+from rlcore.core.types import ArrayLike, Floats, OnEpisode, Rate, Rng, World
 from rlcore.core.worlds import act, reset
 from rlcore.dp import value_iteration
 from rlcore.mdp import FiniteMDP
@@ -115,7 +115,7 @@ def _spread(given, w, *more):
 @learner(_spread, groups=_shared, w0=check_finite)
 def td0_groups(
     world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, groups: ArrayLike, alpha: Rate, w0: float = 0.0,
-    max_steps: int | None = None, record: int = 0, rng: Rng,
+    max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
     """TD(0) with state aggregation: states of one group share one value. ex-tabular
 
@@ -135,5 +135,6 @@ def td0_groups(
             returns[k] += r
             lengths[k] += 1
             s, done = s_next, terminated or truncated or lengths[k] == max_steps
-        note(history, w, k, record)
+        if note(world, history, w, k, record):
+            break
     return w, returns, lengths, history, N

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import namedtuple
 from collections.abc import Callable
 from copy import deepcopy
@@ -24,7 +25,9 @@ def repeat(method: Callable[..., Any], *args: Any, n_runs: int, rng: Rng, **sett
     """
     check_function("method", method, "(*args, rng=, **settings)")
     children = check_rng(rng).spawn(check_count("n_runs", n_runs))
-    return [method(*args, **settings, rng=child) for child in children]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a step size that is too large is a result here
+        return [method(*args, **settings, rng=child) for child in children]
 
 
 def _inner_states(name, truth, given):

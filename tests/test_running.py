@@ -1,0 +1,263 @@
+"""Runs that end, or can be ended: caps, estimates that are lost, Ctrl-C, callbacks, bars."""
+
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from test_learners import LEARNERS, play
+from worlds import awkward
+
+from rlcore.actor_critic import actor_critic
+from rlcore.core.compiled import HAVE_NUMBA
+from rlcore.core.running import Interrupted, Watch
+from rlcore.core.worlds import MOST_STEPS
+from rlcore.envs import MDPEnv, cliff_walking, random_walk, recycling_robot
+from rlcore.mdp import FiniteMDP, sample_returns
+from rlcore.planning import dyna_q
+from rlcore.reinforce import reinforce
+from rlcore.td import q_learning, td0
+from rlcore.traces import sarsa_lambda
+
+ROOT = Path(__file__).parents[1]
+STAY = FiniteMDP.from_outcomes({(0, 0): [(1.0, 0, 0.0)], (0, 1): [(1.0, 1, -1.0)]})
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+# ---------------------------------------------------------------------- every episode ends
+
+
+def test_an_episode_that_nothing_ends_is_cut():
+    """Greedy play stays where staying costs nothing."""
+    run = q_learning(STAY, 1.0, 3, alpha=0.5, epsilon=0.0, Q0=[[0.0, -1.0], [0.0, 0.0]], rng=rng())
+    assert run.lengths.tolist() == [MOST_STEPS] * 3
+    with pytest.raises(ValueError, match="^max_steps: got None, must be a number"):
+        dyna_q(recycling_robot(), 0.9, 2, n_planning=1, alpha=0.1, epsilon=0.1, rng=rng())
+
+
+class Endless(gym.Env):
+    """One state, no end; `slow`: seconds a step."""
+
+    observation_space, action_space, slow = gym.spaces.Discrete(2), gym.spaces.Discrete(2), 0.0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return 0, {}
+
+    def step(self, action):
+        time.sleep(self.slow)
+        return 0, 1.0, False, False, {}
+
+
+def test_an_environment_that_nothing_ends_is_cut(monkeypatch):
+    monkeypatch.setattr("rlcore.core.worlds.MOST_STEPS", 1000)
+    run = q_learning(Endless(), 0.9, 2, alpha=0.5, epsilon=0.1, rng=rng())
+    assert run.lengths.tolist() == [1000, 1000]
+
+
+# ---------------------------------------------------------------------- estimates that are lost
+
+
+@pytest.mark.parametrize("world", [cliff_walking(), MDPEnv(cliff_walking())], ids=["process", "environment"])
+def test_what_diverges_says_when(world):
+    options = dict(alpha=0.9, epsilon=0.1, max_steps=2000, rng=rng())
+    with pytest.raises(ValueError, match=r"^alpha: got 0.9, must be smaller: .* in episode \d+, step \d+ or before"):
+        sarsa_lambda(world, 1.0, 0.95, 1000, trace="accumulating", **options)
+
+
+def test_what_diverges_softly_says_so_too():
+    with pytest.raises(ValueError, match="^alpha, alpha_w: got|^alpha: got"), np.errstate(all="ignore"):
+        actor_critic(random_walk(5), 1.0, 200, alpha=1e300, alpha_w=1e300, max_steps=100, rng=rng())
+
+
+# ---------------------------------------------------------------------- Ctrl-C
+
+
+def soon(seconds=0.5):
+    """A signal as Ctrl-C sends it, in a while."""
+    threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+
+@pytest.mark.parametrize("name", LEARNERS)
+def test_a_compiled_loop_hears_ctrl_c(name):
+    if not HAVE_NUMBA:
+        pytest.skip("nothing is compiled")
+    mdp = awkward(start=0)
+    whole = play(name, mdp, 50, record=10)  # compiled before the clock runs
+    soon()
+    with pytest.raises(Interrupted) as stopped:
+        play(name, mdp, 10**7, record=10**5)
+    run = stopped.value.run
+    n = run.returns.size
+    assert run.interrupted and 50 < n < 10**7 and run.lengths.size == n and run.lengths.min() >= 1
+    assert len(run.history) == 1 + n // 10**5 and "interrupted" in repr(run)
+    np.testing.assert_array_equal(run.returns[:50], whole.returns)
+    assert not whole.interrupted and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.set_wakeup_fd(-1) == -1
+
+
+def test_a_stopped_run_is_the_run_of_fewer_episodes():
+    """But for the last episode, which is cut where the signal came."""
+    mdp, options = cliff_walking(), dict(alpha=0.1, epsilon=0.1)
+    q_learning(mdp, 0.9, 1, rng=rng(), **options)
+    soon()
+    with pytest.raises(Interrupted) as stopped:
+        q_learning(mdp, 0.9, 10**7, rng=rng(), **options)
+    run = stopped.value.run
+    again = q_learning(mdp, 0.9, run.returns.size, rng=rng(), **options)
+    np.testing.assert_array_equal(run.returns[:-1], again.returns[:-1])
+    assert run.lengths[-1] <= again.lengths[-1] and np.abs(run.Q - again.Q).max() < 1
+
+
+@pytest.mark.parametrize("max_steps", [10**9])
+def test_an_endless_episode_hears_ctrl_c(max_steps):
+    td0(STAY, [[1.0, 0.0], [1.0, 0.0]], 0.9, 1, alpha=0.1, max_steps=1, rng=rng())
+    soon()
+    with pytest.raises(Interrupted) as stopped:
+        td0(STAY, [[1.0, 0.0], [1.0, 0.0]], 0.9, 1, alpha=0.1, max_steps=max_steps, rng=rng())
+    assert 1 < stopped.value.run.lengths[0] < max_steps
+
+
+def test_an_environment_hears_ctrl_c_and_is_left_as_it_was():
+    env = Endless()
+    env.slow = 0.001
+    soon()
+    with pytest.raises(Interrupted) as stopped:
+        q_learning(env, 0.9, 10**6, alpha=0.5, epsilon=0.1, max_steps=100, rng=rng())
+    assert stopped.value.run.returns.size >= 1
+    assert stopped.value.run.lengths[:-1].tolist() == [100] * (stopped.value.run.lengths.size - 1)
+    assert env._np_random is None
+
+
+def test_a_second_ctrl_c_does_not_wait():
+    env = Endless()
+    env.slow = 60.0
+    soon(0.3)
+    soon(0.6)
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        q_learning(env, 0.9, 2, alpha=0.5, epsilon=0.1, rng=rng())
+    assert not isinstance(stopped.value, Interrupted)
+
+
+def test_what_leaves_no_run_is_stopped_too():
+    pi = np.array([[1.0, 0.0], [1.0, 0.0]])
+    options = dict(s=0, rng=rng())
+    sample_returns(STAY, pi, 0.9, 1, max_steps=1, **options)
+    soon()
+    with pytest.raises(KeyboardInterrupt):
+        sample_returns(STAY, pi, 0.9, 1000, max_steps=10**9, **options)
+
+
+def test_a_handler_of_the_users_own_stays():
+    heard = []
+    before = signal.signal(signal.SIGINT, lambda *_: heard.append(1))
+    try:
+        q_learning(STAY, 0.9, 2, alpha=0.5, epsilon=0.1, rng=rng())
+        os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert heard == [1]
+
+
+def test_other_threads_learn_too():
+    found = []
+    options = dict(alpha=0.1, epsilon=0.1)
+    threads = [
+        threading.Thread(target=lambda: found.append(q_learning(cliff_walking(), 0.9, 200, rng=rng(), **options)))
+        for _ in range(2)
+    ]
+    for thread in threads:
+        thread.start()
+    here = q_learning(cliff_walking(), 0.9, 200, rng=rng(), **options)
+    for thread in threads:
+        thread.join()
+    for run in found:
+        np.testing.assert_array_equal(run.Q, here.Q)
+
+
+# ---------------------------------------------------------------------- callbacks
+
+
+@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize("world", [awkward(start=0), MDPEnv(awkward(start=0))], ids=["process", "environment"])
+def test_a_callback_is_told_and_changes_nothing(name, world):
+    seen = []
+    plain, run = play(name, world, 7), play(name, world, 7, on_episode=lambda G, n: seen.append((G, n)))
+    for field in ("returns", "lengths", "V", "Q", "visits"):
+        np.testing.assert_array_equal(getattr(plain, field), getattr(run, field))
+    assert seen == list(zip(run.returns.tolist(), np.cumsum(run.lengths).tolist())) and not run.interrupted
+
+
+@pytest.mark.parametrize("name", LEARNERS)
+def test_a_callback_may_end_the_run(name):
+    mdp = awkward(start=0)
+    run = play(name, mdp, 9, record=2, on_episode=lambda G, n: True)
+    short = play(name, mdp, 1, record=2)
+    np.testing.assert_array_equal(run.returns, short.returns)
+    assert run.lengths.size == 1 and len(run.history) == 1 and not run.interrupted
+    np.testing.assert_array_equal(run.policy, short.policy)
+
+
+def test_linear_learners_have_callbacks():
+    for learn in (reinforce, actor_critic):
+        seen = []
+        run = learn(random_walk(5), 0.9, 4, on_episode=lambda G, n, seen=seen: seen.append(n), rng=rng())
+        assert seen == np.cumsum(run.lengths).tolist()
+
+
+def test_a_callback_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="^on_episode: got 3, must be a function of"):
+        q_learning(STAY, 0.9, 2, alpha=0.5, epsilon=0.1, on_episode=3, rng=rng())
+
+
+# ---------------------------------------------------------------------- bars
+
+BAR = """
+import sys
+import numpy as np
+import rlcore.core.running as running
+from rlcore.envs import cliff_walking
+from rlcore.td import q_learning
+running.PATIENCE = float(sys.argv[1])
+running.PAUSE = 0.05
+for n in (1, 3_000_000):
+    q_learning(cliff_walking(), 0.9, n, alpha=0.1, epsilon=0.1, on_episode=None, rng=np.random.default_rng(0))
+"""
+
+
+needs_tqdm = pytest.mark.skipif(importlib.util.find_spec("tqdm") is None, reason="tqdm is not installed")
+
+
+@pytest.mark.long
+@needs_tqdm
+@pytest.mark.parametrize("patience, notes, shown", [(0.3, "1", True), (1e6, "1", False), (0.3, "0", False)])
+def test_a_bar_where_a_run_is_long_and_somebody_looks(patience, notes, shown):
+    env = {**os.environ, "RLCORE_NOTES": notes}
+    command = [sys.executable, "-c", BAR, str(patience)]
+    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=True)
+    assert ("/3000000" in done.stderr) == shown and done.stdout == ""
+
+
+@needs_tqdm
+def test_a_bar_counts_to_its_end(monkeypatch, capsys):
+    monkeypatch.setenv("RLCORE_NOTES", "1")
+    watch = Watch(10)
+    watch.show(3)
+    assert capsys.readouterr().err == ""
+    watch.start -= 3
+    watch.show(3)
+    watch.show(12)
+    assert watch.bar.n == 10
+    watch.close()
+    watch.show(4)
+    assert "3/10" in capsys.readouterr().err
