@@ -317,6 +317,11 @@ def test_every_limit_has_its_own_words(name, monkeypatch):
 
 
 @HERE
+def test_a_huge_view_is_too_large_for_check():
+    assert "takes more than" in check("ch01-expected-reward", lambda *_: np.broadcast_to(0.0, (10**6, 10**6))).message
+
+
+@HERE
 def test_prints_of_stopped_answers_survive(capsys):
     with pytest.raises(Crash):
         run_guarded(lambda: [print("so far"), spin()], 0.5)

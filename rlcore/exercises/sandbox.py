@@ -46,6 +46,10 @@ class Crash(Exception):
     """The answer raised, or was stopped; the message says which, with the learner's own traceback."""
 
 
+class TooLarge(Exception):
+    """A result of more than LARGEST bytes."""
+
+
 class TimeIsUp(BaseException):
     """Raised inside an answer that runs too long, where there is no process of its own to end."""
 
@@ -87,7 +91,7 @@ def _plain(value):
         return Opaque("a masked array with masked entries")
     if isinstance(value, np.ndarray):
         if value.nbytes > LARGEST:
-            raise OverflowError
+            raise TooLarge
         value = np.asarray(value)
         if value.dtype.kind != "O":
             return value
@@ -127,12 +131,12 @@ def _pack(status, value, figures):
     """The outcome as bytes, at most LARGEST of them."""
     try:
         data = pickle.dumps((status, plain(value), figures))
-    except (MemoryError, OverflowError):
+    except (MemoryError, TooLarge):
         data = None
     except Exception as error:
         return pickle.dumps(("crash", f"the result cannot be read: {_own_traceback(error)}", figures))
     if data is None or len(data) > LARGEST:
-        return pickle.dumps(("crash", f"the result takes more than {LARGEST >> 20} MiB: is it far too large?", []))
+        return pickle.dumps(("crash", _too_large(), []))
     return data
 
 
@@ -152,6 +156,8 @@ def _attempt(function):
         return "done", function()
     except MemoryError:
         return "crash", f"needs more than {MEMORY >> 30} GiB of memory: is an array far too large?"
+    except TooLarge:
+        return "crash", _too_large()
     except TimeIsUp:
         return "crash", None
     except BaseException as error:
@@ -335,6 +341,10 @@ def _outcome(data, status, seconds, printed):
         how = f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else "an exit"
         reason = f"the process that ran your answer ended with {how}; did it need too much memory?"
     return "crash", reason, printed, []
+
+
+def _too_large():
+    return f"the result takes more than {LARGEST >> 20} MiB: is it far too large?"
 
 
 def _too_slow(seconds):
