@@ -69,6 +69,7 @@ outputs: $(STAMP)
 # break every line on purpose: a test must fail (about an hour, resumable)
 mutation: $(STAMP)
 	@$(BIN)/python tests/mutation.py
+	@$(BIN)/python tests/mutation_exercises.py
 
 # break the code once or more for each row of the ledger: its own check must notice (an hour, resumable)
 rows: $(STAMP)

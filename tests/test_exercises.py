@@ -5,7 +5,6 @@ import dataclasses
 import functools
 import itertools
 import json
-import pickle
 import re
 import subprocess
 import sys
@@ -62,7 +61,7 @@ def run_here(function, seconds):
     before = sys.gettrace()
     sys.settrace(trace)
     try:
-        status, value, _ = pickle.loads(pickle.dumps(_attempt(function)))
+        status, value, _ = sandbox._unpack(sandbox._pack(*_attempt(function), []))
     finally:
         sys.settrace(before)
     if status == "crash":
@@ -90,7 +89,9 @@ def test_every_mistake_gets_its_own_message(exercise, ours):
     assert len(set(messages)) == len(messages) >= 3
     for wrong in exercise.wrong:
         found = verdict(exercise, exercise.bind(wrong.source))
-        assert (found.status, found.message) == ("failed", wrong.message)
+        outputs = [exercise.bind(wrong.source)] if exercise not in FUNCTIONS else None
+        if outputs is None or engine.telling(outputs):
+            assert (found.status, found.message) == ("failed", wrong.message)
 
 
 @pytest.mark.long
@@ -135,8 +136,10 @@ def test_right_numbers_in_a_wrong_wrapping_fail(exercise, ours):
     for change in (lambda x: [x], lambda x: (x, x), str, lambda x: {"answer": x}):
         assert verdict(exercise, expected_of(exercise, change)).status == "failed"
     if isinstance(exercise.make_cases()[0].expected, np.ndarray):
-        for change in (lambda x: x[None], lambda x: x.tolist(), lambda x: x.astype(str), lambda x: x.ravel()[:-1]):
+        for change in (lambda x: x[None], lambda x: x.astype(str), lambda x: x.ravel()[:-1]):
             assert verdict(exercise, expected_of(exercise, change)).status == "failed"
+        refused = verdict(exercise, expected_of(exercise, lambda x: x.tolist())).status == "failed"
+        assert refused == exercise.rule(exercise.make_cases()[0]).arrays
 
 
 @each_function
@@ -246,14 +249,14 @@ def test_what_never_ends_is_stopped(answer, patience, monkeypatch):
     monkeypatch.setattr(sandbox, "PATIENCE", patience)
     with pytest.raises(Crash, match="never ends"):
         run_guarded(answer, 0.5)
-    status, message, _ = _in_thread(answer, 0.5)
+    status, message, *_ = _in_thread(answer, 0.5)
     assert status == "crash" and "never ends" in message
 
 
 def test_an_answer_may_take_longer_than_it_computes(monkeypatch):
     monkeypatch.setattr(sandbox, "PATIENCE", 1000)
     assert run_guarded(lambda: time.sleep(0.6) or 7, 0.5) == 7
-    assert _in_thread(lambda: time.sleep(0.6) or 7, 0.5) == ("done", 7, "")
+    assert _in_thread(lambda: time.sleep(0.6) or 7, 0.5) == ("done", 7, "", [])
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is limited on Linux only")
@@ -265,7 +268,8 @@ def test_a_process_that_dies_and_a_result_that_cannot_travel():
     import os
 
     assert check(ONE.id, lambda prob, reward: os._exit(1)).status == "error"
-    assert check(ONE.id, lambda prob, reward: lambda: 0).status == "error"
+    found = check(ONE.id, lambda prob, reward: lambda: 0)
+    assert found.status == "failed" and "the result is a function, expected an array" in found.message
 
 
 def test_prints_are_shown(capsys):

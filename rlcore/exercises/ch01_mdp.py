@@ -14,24 +14,24 @@ Exercise(
     kind="by hand",
     title="One return with pencil and paper",
     statement=r"""
-        An episode pays $R_1 = 2$, $R_2 = 0$, $R_3 = -4$, $R_4 = 24$ and ends. With $\gamma = 0.5$, what is $G_0$
+        An episode pays $R_1 = 3$, $R_2 = 1$, $R_3 = -4$, $R_4 = 24$ and ends. With $\gamma = 0.5$, what is $G_0$
         ({eq}`eq-7`)? Bind the number to `G0`.
     """,
     stub="G0 = ...",
-    cases=lambda rng: [Case({}, float(discounted_returns([2, 0, -4, 24], 0.5)[0]))],
+    cases=lambda rng: [Case({}, float(discounted_returns([3, 1, -4, 24], 0.5)[0]))],
     hints=(
         "The first reward counts in full; each later one is halved once more than the one before.",
-        "The four terms are $2$, $0$, $-4/4$ and $24/8$.",
+        "The four terms are $3$, $1/2$, $-4/4$ and $24/8$.",
     ),
-    solution="G0 = 2 + 0.5 * 0 + 0.25 * -4 + 0.125 * 24",
+    solution="G0 = 3 + 0.5 * 1 + 0.25 * -4 + 0.125 * 24",
     wrong=(
-        Wrong("G0 = 2 + 0 - 4 + 24", "gamma is missing: this is the undiscounted sum (6)"),
+        Wrong("G0 = 3 + 1 - 4 + 24", "gamma is missing: this is the plain sum of the rewards"),
         Wrong(
-            "G0 = 0.5 * 2 + 0.25 * 0 + 0.125 * -4 + 0.0625 * 24",
+            "G0 = 0.5 * 3 + 0.25 * 1 + 0.125 * -4 + 0.0625 * 24",
             "the first reward is discounted already: R_1 counts with gamma to the power 0",
         ),
         Wrong(
-            "G0 = 2 + 0.5 * 2",
+            "G0 = 3 + 0.5 * 3",
             "this is the misprinted recursion R_1 + gamma R_1; the second term must be gamma times the return G_1",
         ),
     ),
@@ -249,10 +249,10 @@ Exercise(
     statement=r"""
         In the continuing form of pole balancing the reward is $-1$ on a failing step and 0 on all others. A policy fails on
         every 5th step, for ever: $R_5 = R_{10} = R_{15} = \dots = -1$. With $\gamma = 0.8$, predict $G_0$ before you run
-        anything, to four digits; then bind the number to `G0_pole` (a formula is fine).
+        anything; then bind the number to `G0_pole`.
     """,
     stub="G0_pole = ...",
-    cases=lambda rng: [Case({}, -(0.8**4) / (1 - 0.8**5), tol=1e-3)],
+    cases=lambda rng: [Case({}, -(0.8**4) / (1 - 0.8**5))],
     hints=(
         r"The first failure contributes $-\gamma^4$. The second one comes 5 steps later.",
         r"The contributions form a geometric series with ratio $\gamma^5$.",
@@ -265,6 +265,7 @@ Exercise(
         Wrong({"-(0.8**4)": "(0.8**4)"}, "the sign: a failure pays -1"),
     ),
     minutes=4,
+    digits=4,
     covers=("eq-u-pole-return", "ex-pole-continuing"),
 )
 

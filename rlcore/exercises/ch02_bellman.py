@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rlcore.bellman import expectation_backup, greedy_actions, optimality_backup_q, q_from_v, solve_policy
+from rlcore.bellman import expectation_backup, optimality_backup_q, q_from_v, solve_policy
 from rlcore.envs import random_mdp, recycling_robot
 from rlcore.exercises.engine import Case, Exercise, Question, Wrong
 from rlcore.mdp import FiniteMDP, uniform_policy
@@ -318,6 +318,12 @@ Exercise(
     covers=("eq-17",),
 )
 
+
+def _shared(Q):
+    best = Q.max(axis=1, keepdims=True) - Q <= 1e-9
+    return best / best.sum(axis=1, keepdims=True)
+
+
 Exercise(
     id="ch02-greedy-ties",
     kind="fill in",
@@ -332,11 +338,12 @@ Exercise(
             ...
     """,
     cases=lambda rng: [
-        Case(dict(Q=Q), greedy_actions(Q) / greedy_actions(Q).sum(axis=1, keepdims=True), printed=len(Q) == 1)
+        Case(dict(Q=Q), _shared(Q), printed=len(Q) == 1)
         for Q in (
             np.array([[1.0, 3.0, 3.0]]),
             np.array([[2.0, 2.0, 2.0], [0.0, -1.0, 0.0], [-5.0, -4.0, -3.0], [0.3, 0.1 + 0.2, 0.0]]),
             rng.integers(3, size=(4, 4)).astype(float),
+            np.array([[1.0, 1 + 5e-10, 1 - 3e-9], [1e6, 1e6 - 1e-3, 0.0], [0.0, 2e-9, -7e-9], [0.01, 0.0, 0.015]]),
         )
     ],
     hints=(

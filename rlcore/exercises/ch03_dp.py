@@ -21,28 +21,31 @@ Exercise(
     kind="by hand",
     title="Two sweeps with pencil and paper",
     statement=r"""
-        From $x$ you may stop for a reward of 6, which ends the episode, or go on to $y$ for a reward of 2. From $y$ the only
-        action returns to $x$ and pays 4. $\gamma = 0.5$. Value iteration starts at $V_0 = 0$ and computes $V_1$ and
+        From $x$ you may stop for a reward of 7, which ends the episode, or go on to $y$ for a reward of 2. From $y$ the only
+        action returns to $x$ and pays 6. $\gamma = 0.5$. Value iteration starts at $V_0 = 0$ and computes $V_1$ and
         $V_2$ with two arrays. What is $V_2(x)$? And what is $v_*(x)$? Bind `answer` to the pair `(V2, v_star)`.
     """,
     stub="answer = ...",
-    cases=lambda rng: [Case({}, (6.0, 6.0))],
+    cases=lambda rng: [Case({}, (7.0, 7.0))],
     hints=(
-        "$V_1(x) = \\max(6, 2) = 6$ and $V_1(y) = 4$. Repeat with these values on the right.",
-        "$V_2(x) = \\max(6, 2 + 0.5 \\cdot 4)$. For $v_*$, see whether going round for ever beats 6.",
+        "$V_1(x) = \\max(7, 2) = 7$ and $V_1(y) = 6$. Repeat with these values on the right.",
+        "$V_2(x) = \\max(7, 2 + 0.5 \\cdot 6)$. For $v_*$, see whether going round for ever beats 7.",
     ),
     solution="""
-        V2 = max(6, 2 + 0.5 * 4)
-        v_star = max(6, 2 + 0.5 * (4 + 0.5 * 6))
+        V2 = max(7, 2 + 0.5 * 6)
+        v_star = max(7, 2 + 0.5 * (6 + 0.5 * 7))
         answer = (float(V2), float(v_star))
     """,
     wrong=(
         Wrong(
-            "answer = (6.0, 8.0)",
-            "v_*(x) = 8 would need going round to be worth more than stopping: 2 + 0.5 (4 + 0.5 * 8) is 6, not 8",
+            "answer = (7.0, 8.0)",
+            "v_*(x) = 8 would need going round to be worth more than stopping: 2 + 0.5 (6 + 0.5 * 8) is 7, not 8",
         ),
-        Wrong("answer = (4.0, 6.0)", "this V_2 goes on; stopping pays 6, and value iteration takes the larger"),
-        Wrong("answer = (6.0, 5.5)", "5.5 is the value of going on once and then stopping; stopping at once is better"),
+        Wrong("answer = (5.0, 7.0)", "this V_2 goes on; stopping pays 7, and value iteration takes the larger"),
+        Wrong("answer = (8.0, 7.0)", "gamma is missing from V_2: going on is worth 2 + 0.5 * 6"),
+        Wrong(
+            "answer = (7.0, 6.75)", "6.75 is the value of going on once and then stopping; stopping at once is better"
+        ),
     ),
     minutes=4,
     covers=("eq-u-value-iteration", "alg-value-iteration"),
@@ -72,9 +75,9 @@ Exercise(
             ...
     """,
     cases=lambda rng: [
-        Case({**_arrays(m, *MODEL), "gamma": gamma, "tol": 1e-6}, (solution.V, solution.n_iter), tol=1e-9)
-        for m, gamma in _worlds(rng)
-        for solution in [value_iteration(m, gamma, tol=1e-6)]
+        Case({**_arrays(m, *MODEL), "gamma": gamma, "tol": tol}, (solution.V, solution.n_iter), tol=1e-9)
+        for m, gamma, tol in (*((m, gamma, 1e-6) for m, gamma in _worlds(rng)), (_corridor(4, 0.0), 0.5, 0.25))
+        for solution in [value_iteration(m, gamma, tol=tol)]
     ],
     hints=(
         "One sweep is `(prob * (reward + gamma * V[next_state])).sum(axis=2).max(axis=1)`.",
@@ -254,6 +257,7 @@ Exercise(
             (np.array([[1.0, 1.0, 0.0], [0.0, 2.0, 2.0], [3.0, 1.0, 3.0]]), np.array([1, 0, 2])),
             (np.array([[0.3, 0.1 + 0.2], [0.1 + 0.2, 0.3], [-1.0, -2.0]]), np.array([0, 1, 1])),
             (rng.integers(3, size=(6, 3)).astype(float), rng.integers(3, size=6)),
+            (np.array([[1.0, 1 + 5e-10], [1 - 3e-9, 1.0], [1e6 - 1e-3, 1e6], [0.5, 0.0]]), np.array([0, 0, 0, 1])),
         )
     ],
     hints=(
@@ -334,6 +338,10 @@ Exercise(
             (np.zeros(4), 1.0, 1e-6),
             (np.full(6, 2.0), 0.9, 0.3),
             (rng.normal(size=5).round(1), 0.7, 1e-6),
+            (np.array([-9.0, -1.0, -9.0, -1.0]), 0.9, 0.05),
+            (np.array([0.0, -3.0, 1.0]), 0.5, 1.0),
+            (np.array([-1.0, -1.0]), 1.0, 1.0),
+            (np.array([-1.0, -2.0, -3.0]), 1.0, 1e-6),
         )
     ],
     hints=(
@@ -423,7 +431,10 @@ Exercise(
         def model(s, a, s_next, S, A):
             ...
     """,
-    cases=lambda rng: [Case(g, _counts(**g)) for g in (_log(rng, 3, 2, 30), _log(rng, 4, 3, 12), _log(rng, 2, 2, 3))],
+    cases=lambda rng: [
+        Case(g, _counts(**g))
+        for g in (_log(rng, 3, 2, 30), _log(rng, 4, 3, 12), _log(rng, 2, 2, 3), _log(rng, 9, 8, 5))
+    ],
     hints=(
         "Count in a loop, or with `np.add.at(counts, (s, a, s_next), 1)`; `counts[s, a, s_next] += 1` counts repeats once.",
         "Divide by `counts.sum(axis=2, keepdims=True)`, but not where that is 0: `np.maximum(total, 1)`.",

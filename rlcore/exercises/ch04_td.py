@@ -49,6 +49,7 @@ Exercise(
         ),
     ),
     minutes=2,
+    digits=4,
     covers=("alg-eps-greedy", "cl-059"),
 )
 
@@ -565,6 +566,7 @@ Exercise(
         ),
     ),
     minutes=5,
+    digits=4,
     covers=("eq-18", "om-convergence-conditions"),
 )
 
@@ -613,6 +615,7 @@ Exercise(
         Wrong("values = (16 / 9, 7 / 9, 1.5, 7 / 9)", "the two values of A are swapped: Monte Carlo first, then TD"),
     ),
     minutes=5,
+    digits=4,
     covers=("ex-predictor", "table-predictor", "fig-19", "cl-046"),
 )
 
@@ -647,11 +650,18 @@ Exercise(
         def batch_answer(s, r, s_next, n_states, gamma):
             ...
     """,
-    cases=lambda rng: [
-        Case(g, _batch_answer(**g))
-        for n, S, gamma in ((9, 3, 0.9), (14, 4, 0.7), (12, 4, 0.95))
-        for g in [dict(**_batch_steps(rng, n, S), n_states=S, gamma=gamma)]
-    ],
+    cases=lambda rng: (
+        [
+            Case(g, _batch_answer(**g))
+            for n, S, gamma in ((9, 3, 0.9), (14, 4, 0.7), (12, 4, 0.95))
+            for g in [dict(**_batch_steps(rng, n, S), n_states=S, gamma=gamma)]
+        ]
+        + [
+            Case(g, _batch_answer(**g))  # back to state 0, and a last state that is never met
+            for s, s_next in [(np.array([0, 1, 2, 0, 1]), np.array([1, 0, 0, 2, -1]))]
+            for g in [dict(s=s, r=np.array([1.0, -2.0, 0.5, 3.0, 1.5]), s_next=s_next, n_states=5, gamma=0.8)]
+        ]
+    ),
     hints=(
         "Write it as `M @ V = b` with the number of visits on the diagonal of `M` (1 where there are none) and the sums of rewards in `b`.",
         "For each step that did not end the episode, subtract `gamma` from `M[s, s_next]`: in a loop, or with `np.subtract.at`.",

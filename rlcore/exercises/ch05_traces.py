@@ -76,12 +76,13 @@ Exercise(
         ),
     ),
     minutes=3,
+    digits=4,
     covers=("eq-34", "eq-35", "cl-075"),
 )
 
 
 def _courses():
-    return tuple(trace_course([0, 1, 2], 5, 0.8, kind, 0.5) for kind in ("accumulating", "dutch", "replacing"))
+    return tuple(trace_course([0, 1, 2], 5, 0.8, kind, 0.25) for kind in ("accumulating", "dutch", "replacing"))
 
 
 Exercise(
@@ -89,19 +90,19 @@ Exercise(
     kind="by hand",
     title="Three traces of one state",
     statement=r"""
-        $\gamma \lambda = 0.8$ and $\alpha = 0.5$. A state is visited at times 0, 1 and 2, and not again. Write down its accumulating, its
+        $\gamma \lambda = 0.8$ and $\alpha = 0.25$. A state is visited at times 0, 1 and 2, and not again. Write down its accumulating, its
         dutch and its replacing trace at times 0 to 4. Mind that a dutch trace is shrunk by $1 - \alpha$ where the state is visited,
         and only there; the document prints the factor for all states. Bind the tuple of three arrays of five numbers to `courses`.
     """,
     stub="courses = ...",
     cases=lambda rng: [Case({}, _courses())],
     hints=(
-        "First decay by 0.8. If the state is visited, keep all of what is left, half of it, or nothing; then add 1.",
-        r"Dutch at time 1: $0.5 \cdot 0.8 \cdot 1 + 1 = 1.4$. At times 3 and 4 all three decay alike.",
+        "First decay by 0.8. If the state is visited, keep all of what is left, three quarters of it, or nothing; then add 1.",
+        r"Dutch at time 1: $0.75 \cdot 0.8 \cdot 1 + 1 = 1.6$. At times 3 and 4 all three decay alike.",
     ),
     solution="""
         courses = ()
-        for keep in (1, 0.5, 0):
+        for keep in (1, 0.75, 0):
             e = [1]
             for visited in (True, True, False, False):
                 e.append(0.8 * e[-1] * keep + 1 if visited else 0.8 * e[-1])
@@ -109,20 +110,24 @@ Exercise(
     """,
     wrong=(
         Wrong(
-            "courses = (np.array([1, 1.8, 2.44, 1.952, 1.5616]), np.array([1, 1.4, 1.56, 0.624, 0.2496]), np.array([1, 1, 1, 0.8, 0.64]))",
+            "courses = (np.array([1, 1.8, 2.44, 1.952, 1.5616]), np.array([1, 1.6, 1.96, 1.176, 0.7056]), np.array([1, 1, 1, 0.8, 0.64]))",
             "the dutch trace shrinks where the state is not visited, too, as printed: at times 3 and 4 it decays by 0.8 alone",
         ),
         Wrong(
-            "courses = (np.array([1, 1.8, 2.44, 1.952, 1.5616]), np.array([1, 1, 1, 0.8, 0.64]), np.array([1, 1.4, 1.56, 1.248, 0.9984]))",
+            "courses = (np.array([1, 1.8, 2.44, 1.952, 1.5616]), np.array([1, 1, 1, 0.8, 0.64]), np.array([1, 1.6, 1.96, 1.568, 1.2544]))",
             "the dutch and the replacing trace are swapped",
         ),
         Wrong(
-            "courses = (np.array([1.0, 2, 3, 3, 3]), np.array([1, 1.5, 1.75, 1.75, 1.75]), np.array([1.0, 1, 1, 1, 1]))",
+            "courses = (np.array([1.0, 2, 3, 3, 3]), np.array([1, 1.75, 2.3125, 2.3125, 2.3125]), np.array([1.0, 1, 1, 1, 1]))",
             "nothing decays: a step multiplies every trace by 0.8",
         ),
         Wrong(
-            "courses = (0.8 * np.array([1, 1.8, 2.44, 1.952, 1.5616]), 0.8 * np.array([1, 1.4, 1.56, 1.248, 0.9984]), 0.8 * np.array([1, 1, 1, 0.8, 0.64]))",
+            "courses = (0.8 * np.array([1, 1.8, 2.44, 1.952, 1.5616]), 0.8 * np.array([1, 1.6, 1.96, 1.568, 1.2544]), 0.8 * np.array([1, 1, 1, 0.8, 0.64]))",
             "the newest visit has decayed already: first decay, then add 1",
+        ),
+        Wrong(
+            "courses = (np.array([1, 1.8, 2.44, 1.952, 1.5616]), np.array([1, 1.2, 1.24, 0.992, 0.7936]), np.array([1, 1, 1, 0.8, 0.64]))",
+            "the dutch trace is shrunk by alpha: what a visit leaves of it is 1 - alpha",
         ),
     ),
     minutes=6,
@@ -855,6 +860,7 @@ Exercise(
         Wrong({" ** 9": ""}, "the trace decays at each of the nine steps, not once"),
     ),
     minutes=3,
+    digits=4,
     covers=("alg-td-lambda-acc", "eq-34", "cl-061"),
 )
 

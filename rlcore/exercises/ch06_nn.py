@@ -84,7 +84,7 @@ Exercise(
         tuple `costs`.
     """,
     stub="costs = ...",
-    cases=lambda rng: [Case({}, _printed_costs(), tol=1e-6)],
+    cases=lambda rng: [Case({}, _printed_costs())],
     hints=(
         "Square the ten differences and add them up; with one example, $n = 1$, half of the sum is the cost.",
         "Only two of the ten squares change with the label. The digits start at 0: the 1 of a 3 stands in the fourth place.",
@@ -108,6 +108,7 @@ Exercise(
         ),
     ),
     minutes=6,
+    digits=4,
     covers=("eq-nn-25", "ex-digit-cost", "eq-u-digit-target", "eq-u-digit-output"),
 )
 
@@ -122,7 +123,7 @@ Exercise(
     """,
     stub="positions = ...",
     cases=lambda rng: [
-        Case({}, np.array([step_position(w, b) for w, b in ((30, -5), (30, -20), (110, -20), (-50, 20))]), tol=1e-3)
+        Case({}, np.array([step_position(w, b) for w, b in ((30, -5), (30, -20), (110, -20), (-50, 20))]))
     ],
     hints=(r"The sigmoid is one half where its argument is 0.", "Solve $w x + b = 0$ for $x$."),
     solution="positions = -np.array([-5, -20, -20, 20]) / np.array([30, 30, 110, -50])",
@@ -142,6 +143,7 @@ Exercise(
         ),
     ),
     minutes=2,
+    digits=4,
     covers=("eq-nn-24", "cl-089", "fig-41"),
 )
 
@@ -814,7 +816,7 @@ Exercise(
     """,
     stub="arrivals = ...",
     cases=lambda rng: [
-        Case({}, np.array([gradient_descent(lambda v: v, 2.0, lr, 20)[-1] for lr in (0.1, 0.5, 2.0, 2.1)]), tol=1e-7)
+        Case({}, np.array([gradient_descent(lambda v: v, 2.0, lr, 20)[-1] for lr in (0.1, 0.5, 2.0, 2.1)]))
     ],
     hints=(
         r"The derivative of $v^2 / 2$ is $v$. By which factor does a step multiply $v$?",
@@ -835,6 +837,7 @@ Exercise(
         ),
     ),
     minutes=4,
+    digits=4,
     covers=("eq-nn-27", "alg-gradient-descent", "cl-093", "ex-one-dim", "fig-48"),
 )
 

@@ -120,6 +120,8 @@ Exercise(
             (rng.normal(size=2).round(1), 0),
             (rng.normal(size=3).round(1), 1),
             (np.array([1000.0, 998.0]), 1),
+            (np.array([1000.0, 0.0, 0.0, 0.0]), 3),
+            (np.array([-1000.0, 0.0, 0.5]), 0),
         )
     ],
     hints=(
@@ -201,6 +203,7 @@ Exercise(
         ),
     ),
     minutes=5,
+    digits=4,
     covers=("om-score", "eq-u-baseline-zero"),
 )
 
@@ -364,9 +367,7 @@ Exercise(
         $\varepsilon$-greedy, row 1 softmax, in each row the probability at $d = -0.1$, then at $d = 0.1$.
     """,
     stub="jump = ...",
-    cases=lambda rng: [
-        Case({}, np.array([[0.05, 0.95], [softmax(np.array([0, d]))[1] for d in (-0.1, 0.1)]]), tol=1e-3)
-    ],
+    cases=lambda rng: [Case({}, np.array([[0.05, 0.95], [softmax(np.array([0, d]))[1] for d in (-0.1, 0.1)]]))],
     hints=(
         r"The $\varepsilon$-greedy policy draws from both actions with probability $\varepsilon$: the greedy one gets a share of that, too.",
         r"With two actions the softmax is $1 / (1 + e^{-d})$.",
@@ -394,6 +395,7 @@ Exercise(
         ),
     ),
     minutes=3,
+    digits=4,
     covers=("cl-103", "ex-eps-greedy-jump"),
 )
 
@@ -408,7 +410,7 @@ Exercise(
         the tuple of the three to `limits`.
     """,
     stub="limits = ...",
-    cases=lambda rng: [Case({}, (float(softmax(np.array([0.0, 1.0]))[1]), 0.95, 1.0), tol=1e-3)],
+    cases=lambda rng: [Case({}, (float(softmax(np.array([0.0, 1.0]))[1]), 0.95, 1.0))],
     hints=(
         "The estimates go to 0 and 1, and stay there. What does a softmax make of 0 and 1?",
         r"A preference estimates nothing: as long as $\pi$ of the better arm is below 1 the gradient pushes the preferences farther apart.",
@@ -428,6 +430,7 @@ Exercise(
         Wrong("limits = (0.269, 0.05, 0.0)", "these are the probabilities of the worse arm"),
     ),
     minutes=4,
+    digits=4,
     covers=("cl-100", "cl-101", "om-softmax"),
 )
 
@@ -876,7 +879,7 @@ Exercise(
         tuple of the value at $p = 0.5$, the best $p$, and the value there ({eq}`eq-rf-39`).
     """,
     stub="corridor = ...",
-    cases=lambda rng: [Case({}, _corridor_values(), tol=1e-3)],
+    cases=lambda rng: [Case({}, _corridor_values())],
     hints=(
         "$v_0 = -1 + (1 - p) v_0 + p v_1$, $v_1 = -1 + (1 - p) v_2 + p v_0$, $v_2 = -1 + (1 - p) v_1$.",
         r"$v_0 = -(4 - 2p) / (p (1 - p))$. Its derivative is 0 where $p^2 - 4 p + 2 = 0$.",
@@ -901,6 +904,7 @@ Exercise(
         ),
     ),
     minutes=12,
+    digits=4,
     covers=("ex-corridor", "fig-53", "eq-rf-39", "cl-102", "cl-108"),
 )
 
@@ -915,7 +919,7 @@ Exercise(
         most against a caller who always answers with what is best against you, and how much does it gain? Bind the two numbers to `best_bluff`.
     """,
     stub="best_bluff = ...",
-    cases=lambda rng: [Case({}, (1 / 3, float(bluff_guarantee(1 / 3))), tol=1e-3)],
+    cases=lambda rng: [Case({}, (1 / 3, float(bluff_guarantee(1 / 3))))],
     hints=(
         "Against $y = 0$ you gain $1 + x$, against $y = 1$ you gain $(3 - x) / 2$. The other player picks the smaller one.",
         "One line rises with $x$, the other falls: the best is where they cross.",
@@ -933,6 +937,7 @@ Exercise(
         Wrong("best_bluff = (1, 2)", "you gain 2 only from a caller who never calls: this one answers your bluffs"),
     ),
     minutes=8,
+    digits=4,
     covers=("ex-bluff", "cl-102"),
 )
 

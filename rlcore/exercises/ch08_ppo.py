@@ -290,11 +290,14 @@ Exercise(
             centred = advantages - advantages.mean(axis=0)
             return centred / (advantages.std(axis=0) + 1e-8)
     """,
-    cases=lambda rng: [
-        Case(dict(advantages=A), (A - A.mean()) / (A.std() + 1e-8))
-        for T, N in ((4, 2), (3, 3), (5, 4))
-        for A in [(rng.normal(size=(T, N)) + 2 * np.arange(N)).round(1)]
-    ],
+    cases=lambda rng: (
+        [
+            Case(dict(advantages=A), (A - A.mean()) / (A.std() + 1e-8))
+            for T, N in ((4, 2), (3, 3), (5, 4))
+            for A in [(rng.normal(size=(T, N)) + 2 * np.arange(N)).round(1)]
+        ]
+        + [Case(dict(advantages=A), (A - A.mean()) / (A.std() + 1e-8)) for A in (np.ones((2, 2)), 1e-8 * np.eye(3))]
+    ),
     hints=(
         "What does `axis=0` go along? Over how many numbers is each mean taken, and over how many should it be?",
         "Without `axis` both are taken over all the steps of all the environments.",
@@ -333,11 +336,17 @@ Exercise(
             targets = advantages + values
             return advantages, targets
     """,
-    cases=lambda rng: [
-        Case(dict(advantages=A, values=v), ((A - A.mean()) / (A.std() + 1e-8), A + v))
-        for n, scale in ((4, 100), (3, 1000), (6, 10))
-        for A, v in [((scale * (rng.normal(size=n) + 1)).round(1), rng.normal(size=n).round(1))]
-    ],
+    cases=lambda rng: (
+        [
+            Case(dict(advantages=A, values=v), ((A - A.mean()) / (A.std() + 1e-8), A + v))
+            for n, scale in ((4, 100), (3, 1000), (6, 10))
+            for A, v in [((scale * (rng.normal(size=n) + 1)).round(1), rng.normal(size=n).round(1))]
+        ]
+        + [
+            Case(dict(advantages=A, values=v), ((A - A.mean()) / (A.std() + 1e-8), A + v))
+            for A, v in ((np.ones(3), np.array([1.0, 2.0, 4.0])), (np.array([1e-8, 0.0]), np.array([0.5, -1.0])))
+        ]
+    ),
     hints=(
         "Which advantages enter the targets: those of the argument, or those of the line above?",
         "The lines are right, their order is not.",
@@ -762,7 +771,7 @@ def _clip_step(h, actions, logp_old, advantage, clip, alpha):
 
 
 def _bandit(rng, n, B):
-    return rng.normal(size=n).round(1), np.resize(np.arange(n), B), np.resize([1.0, -1.5, 2.0, -0.5, 1.5], B)
+    return rng.normal(size=n).round(1), np.resize(np.arange(n), B), np.resize([1.0, -1.5, 0.4, -0.5, 1.5], B)
 
 
 Exercise(
@@ -851,12 +860,19 @@ Exercise(
                 h = h + alpha * weight @ (np.eye(len(p))[actions] - p)
             return h
     """,
-    cases=lambda rng: [
-        Case(g, _clip_epochs(**g))
-        for n, B, clip, alpha, n_epochs in ((3, 6, 0.2, 0.5, 8), (2, 5, 0.1, 0.5, 5), (4, 8, 0.3, 0.5, 8))
-        for h, actions, A in [_bandit(rng, n, B)]
-        for g in [dict(h=h, actions=actions, advantage=A, clip=clip, alpha=alpha, n_epochs=n_epochs)]
-    ],
+    cases=lambda rng: (
+        [
+            Case(g, _clip_epochs(**g))
+            for n, B, clip, alpha, n_epochs in ((3, 6, 0.2, 0.5, 8), (2, 5, 0.1, 0.5, 5), (4, 8, 0.3, 0.5, 8))
+            for h, actions, A in [_bandit(rng, n, B)]
+            for g in [dict(h=h, actions=actions, advantage=A, clip=clip, alpha=alpha, n_epochs=n_epochs)]
+        ]
+        + [
+            Case(g, _clip_epochs(**g))  # the good arm has a bad sample, too
+            for g in [dict(h=np.zeros(2), actions=np.array([0, 0, 1]), advantage=np.array([2.0, -0.5, 0.3]))]
+            for g in [g | dict(clip=0.05, alpha=0.5, n_epochs=4)]
+        ]
+    ),
     hints=(
         "Print `ratio` in each epoch. What should it be in the first one, and what in the others?",
         "The old policy is the one that pulled the arms: it stays as it was until new data come.",
@@ -1021,7 +1037,7 @@ Exercise(
         The old policy takes two actions with the probabilities 0.5 and 0.5, the new one with 0.9 and 0.1. Compute $KL[\pi_{\theta_{old}}, \pi_\theta]$, as in {eq}`eq-ppo-45`, and $KL[\pi_\theta, \pi_{\theta_{old}}]$, with natural logarithms. Bind the two numbers, in this order, to `two_kls`.
     """,
     stub="two_kls = ...",
-    cases=lambda rng: [Case({}, (_bernoulli(0.5, 0.9), _bernoulli(0.9, 0.5)), tol=1e-3)],
+    cases=lambda rng: [Case({}, (_bernoulli(0.5, 0.9), _bernoulli(0.9, 0.5)))],
     hints=(
         r"$KL[p, q] = \sum_a p(a) \ln (p(a) / q(a))$: the weights, and what stands on top, are those of the first one.",
         r"$0.5 \ln (0.5 / 0.9) + 0.5 \ln (0.5 / 0.1)$, and $0.9 \ln (0.9 / 0.5) + 0.1 \ln (0.1 / 0.5)$.",
@@ -1048,6 +1064,7 @@ Exercise(
         Wrong("two_kls = (0.4, 0.4)", "this is how far the probabilities are apart: a KL compares their logarithms"),
     ),
     minutes=5,
+    digits=4,
     covers=("eq-ppo-45", "cl-123"),
 )
 
@@ -1131,7 +1148,7 @@ Exercise(
         $KL[\pi_{old}, \pi]$ of both steps, and bind the two numbers to `distances`.
     """,
     stub="distances = ...",
-    cases=lambda rng: [Case({}, tuple(_bernoulli(_sigmoid(a), _sigmoid(a + 1.0)) for a in (0.0, 6.0)), tol=1e-4)],
+    cases=lambda rng: [Case({}, tuple(_bernoulli(_sigmoid(a), _sigmoid(a + 1.0)) for a in (0.0, 6.0)))],
     hints=(
         r"The probabilities are 0.5 and 0.731 in the first step, 0.99753 and 0.99909 in the second.",
         r"Both actions count: $p \ln (p / q) + (1 - p) \ln ((1 - p) / (1 - q))$, with the old policy's $p$.",
@@ -1162,6 +1179,7 @@ Exercise(
         Wrong({"(kl(0, 1), kl(6, 7))": "(kl(6, 7), kl(0, 1))"}, "the two are swapped: the first step starts at 0"),
     ),
     minutes=6,
+    digits=4,
     covers=("cl-123", "ex-distance"),
 )
 
@@ -1247,14 +1265,20 @@ Exercise(
             ...
             return np.array(history)
     """,
-    cases=lambda rng: [
-        Case(dict(beta=beta, kls=np.array(kls) * d, d_target=d), _betas(beta, np.array(kls) * d, d))
-        for beta, d, kls in (
-            (1.0, 0.01, (0.1, 0.3, 0.9, 1.2, 1.8, 5.0)),
-            (3.0, 0.03, (2.5, 1.7, 0.6, 0.7, 1.4)),
-            (100.0, 0.003, (0.2, 0.4, 0.55, 0.8, 1.6)),
-        )
-    ],
+    cases=lambda rng: (
+        [
+            Case(dict(beta=beta, kls=np.array(kls) * d, d_target=d), _betas(beta, np.array(kls) * d, d))
+            for beta, d, kls in (
+                (1.0, 0.01, (0.1, 0.3, 0.9, 1.2, 1.8, 5.0)),
+                (3.0, 0.03, (2.5, 1.7, 0.6, 0.7, 1.4)),
+                (100.0, 0.003, (0.2, 0.4, 0.55, 0.8, 1.6)),
+            )
+        ]
+        + [
+            Case(dict(beta=2.0, kls=kls, d_target=0.75), _betas(2.0, kls, 0.75))
+            for kls in [np.array([0.5, 1.125, 0.25, 2])]
+        ]
+    ),
     hints=(
         "If the policy moved too far, should the penalty be larger or smaller?",
         "`if ... elif ...` inside the loop, and an `append` after it, whatever happened.",
@@ -1466,6 +1490,7 @@ Exercise(
             ((0, 0, 0), (4, 7.2, 0), (1, -0.5, -0.5), 0.05, 10),
             ((2, 0, 0), (-1, 2, 0), (-0.5, 1.5, 0.5), 1.0, 10),
             ((-2, 1, 0), (3, -1, 0), (2, -0.5, 0.1), 0.1, 2),
+            ((0, 0, 0), (1, -1, 0), (0, 0, 0), 1.0, 3),
         )
         for g in [
             dict(

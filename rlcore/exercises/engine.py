@@ -6,17 +6,18 @@ import html
 import inspect
 import json
 import os
+import re
 import textwrap
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass, field
-from types import FunctionType
+from dataclasses import dataclass, field, replace
+from types import FunctionType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from rlcore.exercises.compare import difference, show, unchanged
-from rlcore.exercises.sandbox import Crash, run_guarded
+from rlcore.exercises.compare import SINGLE, Rule, difference, is_single, kind, number, show, unchanged
+from rlcore.exercises.sandbox import Crash, plain, run_guarded
 
 EXERCISES = {}
 
@@ -54,7 +55,8 @@ class Exercise:
 
     id: "chNN-words". kind: one of KINDS. statement, hints: Markdown. stub, solution: source that binds `name`, to a
     function or a value. cases: rng -> list of Case. minutes: estimate for a reader of the chapter. covers: ids of the
-    concordance. seconds: time limit of a check.
+    concordance. seconds: time limit of a check. digits: significant ones of each number that are enough, which the page
+    says; None where numbers are exact or come from a program.
     """
 
     id: str
@@ -69,6 +71,7 @@ class Exercise:
     minutes: int
     covers: tuple
     seconds: float = 20.0
+    digits: int | None = None
     setup: str = "import numpy as np"
     name: str = field(init=False)
 
@@ -121,6 +124,17 @@ class Exercise:
             exec(compile(part, f"<{self.id}>", "exec"), scope)
         return scope[self.name]
 
+    @property
+    def is_function(self) -> bool:
+        """Whether the answer is a function; otherwise it is a value."""
+        return isinstance(self.bind(self.stub), FunctionType)
+
+    def rule(self, case: Case) -> Rule:
+        """How a result of this case is compared: a list is no array where the statement asks for an array."""
+        arrays = "array" in self.statement or re.search(r"`\([A-Za-z0-9]", self.statement) is not None
+        hide = not case.given and self.id not in _solved
+        return Rule(case.tol, self.digits, hide, arrays and bool(case.given))
+
     def make_cases(self) -> list[Case]:
         """The cases, the same each time."""
         return self.cases(np.random.default_rng(sum(map(ord, self.id))))
@@ -160,9 +174,10 @@ def check(id: str, answer: Any) -> Verdict:
 
     id: of the exercise. answer: what the exercise asks for, a function or a value. Returns a Verdict, which shows
     itself in a notebook. The answer gets copies of its arguments and runs in a process of its own where the system
-    can fork.
+    can fork. After a failure `check.case` holds the case to try: `given`, `got`, and for a function `expected`.
     """
     exercise = _find(id)
+    check.case = None  # type: ignore[attr-defined]
     verdict = _check(exercise, answer)
     if path := os.environ.get("RLCORE_EXERCISES_REPORT"):
         with open(path, "a", encoding="utf-8") as file:
@@ -170,73 +185,116 @@ def check(id: str, answer: Any) -> Verdict:
     return verdict
 
 
+check.case = None  # type: ignore[attr-defined]
+
+
 def _find(id):
-    if id not in EXERCISES:
+    if not isinstance(id, str) or id not in EXERCISES:
         close = [name for name in EXERCISES if name.startswith(str(id)[:4])]
         raise ValueError(f"id: got {id!r}, must be one of {sorted(close or EXERCISES)}")
     return EXERCISES[id]
 
 
 def _check(exercise, answer):
-    stub = exercise.bind(exercise.stub)
-    if _same_code(stub, answer):
-        return Verdict("not attempted", f"write your answer in `{exercise.name}`, then run the check again")
-    if isinstance(stub, FunctionType) and not callable(answer):
-        return Verdict("failed", f"got {show(answer)}; the answer must be the function `{exercise.name}` itself")
-    if callable(answer) and not isinstance(stub, FunctionType):
+    stub, function = exercise.bind(exercise.stub), exercise.is_function
+    untouched = Verdict("not attempted", f"write your answer in `{exercise.name}`, then run the check again")
+    if function and _same_code(stub, answer):
+        return untouched
+    if function and not callable(answer):
+        return Verdict("failed", f"got {kind(answer)}; the answer must be the function `{exercise.name}` itself")
+    if callable(answer) and not function:
         return Verdict("failed", f"got a function; the answer must be a value: check({exercise.id!r}, {exercise.name})")
-    cases = exercise.make_cases()
     try:
-        results = run_guarded(lambda: [_call(answer, case) for case in cases], exercise.seconds)
+        results = run_guarded(lambda: _results(exercise, answer), exercise.seconds)
     except Crash as crash:
         return Verdict("error", str(crash))
-    for case, (got, given) in zip(cases, results, strict=True):
-        if (changed := unchanged(given, case.given)) is not None:
+    if not function and type(results[0][0]) is type(stub) and show(results[0][0]) == show(stub):
+        return untouched
+    cases = exercise.make_cases()  # after the answer has ended, so that it meets no result that is expected
+    single = any(is_single(got) for got, _ in results)
+    rules = [exercise.rule(case) for case in cases]
+    if single and any(_problem(got, *row) for (got, _), *row in zip(results, cases, rules)):
+        rules = [replace(rule, tol=max(rule.tol, SINGLE)) for rule in rules]
+    for case, (got, changed), rule in zip(cases, results, rules, strict=True):
+        if changed is not None:
             return Verdict("failed", f"your function changes its argument `{changed}`; work on a copy of it")
-        problem = difference(got, case.expected, case.tol)
-        if problem:
-            mistake = _known_mistake(exercise, cases, [got for got, _ in results])
-            return Verdict("failed", mistake or _luck(cases, results) + _report(case, got, problem))
-    return Verdict("passed", "right" if len(cases) == 1 else f"right on all {len(cases)} cases")
+        if problem := _problem(got, case, rule):
+            known = {} if rule.hide else {"expected": case.expected}
+            check.case = SimpleNamespace(given=deepcopy(case.given), got=got, **known)
+            mistake = _known_mistake(exercise, cases, results, rules)
+            luck = _luck(cases, results, rules)
+            return Verdict("failed", mistake or luck + _report(case, got, problem, rule))
+    precision = ", in single precision" if single else ""
+    return Verdict("passed", ("right" if len(cases) == 1 else f"right on all {len(cases)} cases") + precision)
 
 
-def _call(answer, case):
-    given = deepcopy(case.given)
-    return (answer(*given.values()) if case.given else answer), given
+def _results(exercise, answer):
+    """(what came, the argument that was changed or None) of each case."""
+    if not exercise.is_function:
+        return [(plain(answer), None)]
+    return [_call(answer, given) for given in [case.given for case in exercise.make_cases()]]
 
 
-def _known_mistake(exercise, cases, got):
+def _call(answer, original):
+    given = deepcopy(original)
+    got = plain(answer(*given.values()))
+    return got, unchanged(given, original)
+
+
+def _problem(got, case, rule):
+    try:
+        return difference(got, case.expected, rule)
+    except Exception:  # whatever came, the check ends in a verdict
+        return f"the result is {kind(got)}, which cannot be compared"
+
+
+def _known_mistake(exercise, cases, results, rules):
+    """The message of the usual mistake that gives these results, where they are telling enough."""
+    close = [replace(rule, tol=max(rule.tol, 1e-3)) if rule.digits else rule for rule in rules]
     for wrong in exercise.wrong:
-        function = exercise.bind(wrong.source)
+        answer = exercise.bind(wrong.source)
         try:
-            outputs = [_call(function, case)[0] for case in cases]
+            outputs = [_call(answer, case.given)[0] for case in cases] if exercise.is_function else [answer]
+            same = all(not difference(g, o, rule) for (g, _), o, rule in zip(results, outputs, close, strict=True))
         except Exception:  # this mistake crashes on these cases; an answer that ran did not make it
             continue
-        if all(difference(g, o, c.tol) is None for g, o, c in zip(got, outputs, cases, strict=True)):
-            return wrong.message
+        if same:
+            return wrong.message if telling(outputs) else None
     return None
 
 
-def _luck(cases, results):
-    printed = [
-        difference(got, case.expected, case.tol) is None for case, (got, _) in zip(cases, results) if case.printed
-    ]
+def telling(outputs: list) -> bool:
+    """Whether results name their mistake: a few zeros and ones, or yes and no, come from many."""
+    values = list(_leaves(outputs))
+    return len(values) >= 8 or any(value is None or abs(value) not in (0, 1) for value in values)
+
+
+def _leaves(value):
+    """The numbers in a result; None for what is none, such as a process."""
+    if isinstance(value, (list, tuple, dict)):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _leaves(part)
+    elif isinstance(value, np.ndarray) and value.ndim:
+        yield from _leaves(value.tolist())
+    elif not isinstance(value, str):
+        yield int(value) if isinstance(value, (bool, np.bool_)) else number(value)
+
+
+def _luck(cases, results, rules):
+    rows = zip(results, cases, rules, strict=True)
+    printed = [not _problem(got, case, rule) for (got, _), case, rule in rows if case.printed]
     return "right on the example of the statement, not in general: " if printed and all(printed) else ""
 
 
-def _report(case, got, problem):
-    rows = [
-        *((f"with {name} = ", value) for name, value in case.given.items()),
-        ("got ", got),
-        ("expected ", case.expected),
-    ]
-    return "\n".join([problem, *(label + textwrap.indent(show(v), " " * len(label)).lstrip() for label, v in rows)])
+def _report(case, got, problem, rule):
+    rows = [*((f"with {name} = ", value) for name, value in case.given.items()), ("got ", got)]
+    rows += [] if rule.hide else [("expected ", case.expected)]
+    text = [problem, *(label + textwrap.indent(show(v), " " * len(label)).lstrip() for label, v in rows)]
+    return "\n".join([*text, *(["all of it is in check.case"] if case.given else [])])
 
 
 def _same_code(stub, answer):
-    if isinstance(stub, FunctionType) and isinstance(answer, FunctionType):
-        return _code(stub.__code__) == _code(answer.__code__)
-    return type(stub) is type(answer) and not callable(answer) and (stub is answer or repr(stub) == repr(answer))
+    return type(answer) is FunctionType and _code(stub.__code__) == _code(answer.__code__)
 
 
 def _code(code):
@@ -245,6 +303,7 @@ def _code(code):
 
 
 _given = {}
+_solved = set()
 
 
 def hint(id: str) -> Note:
@@ -260,6 +319,7 @@ def solution(id: str) -> Note:
     left = len(exercise.hints) - _given.get(id, 0)
     if left > 0:
         return Note(f"There {'is 1 hint' if left == 1 else f'are {left} hints'} left: hint({id!r}) shows the next.")
+    _solved.add(id)
     return Note(exercise.solution, is_code=True)
 
 

@@ -34,15 +34,33 @@ PAGES_AGAIN = {  # the document numbers from 20 a second time
 }
 
 
-def write(chapters: Mapping[str, Any], folder: str | Path) -> list[Path]:
-    """Write the notebook of every chapter module into `folder`; returns the paths."""
-    paths = []
-    for module in chapters.values():
-        path = Path(folder) / f"{module.NOTEBOOK}.ipynb"
+def write(chapters: Mapping[str, Any], folder: str | Path, *, force: bool = False) -> list[Path]:
+    """Write the notebook of every chapter module into `folder`; returns the paths.
+
+    Raises FileExistsError, and writes nothing, where one is there in which a cell of code differs from the untouched
+    one, unless `force`.
+    """
+    new = {Path(folder) / f"{module.NOTEBOOK}.ipynb": build(module) for module in chapters.values()}
+    answered = [str(path) for path, notebook in new.items() if path.exists() and _answered(path, notebook)]
+    if answered and not force:
+        raise FileExistsError(f"folder: {', '.join(answered)} would be overwritten; move them, or use --force")
+    for path, notebook in new.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(build(module), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-        paths.append(path)
-    return paths
+        path.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return list(new)
+
+
+def _answered(path, notebook):
+    """Whether a notebook holds code that the generated one does not."""
+    try:
+        old = json.loads(path.read_text(encoding="utf-8"))
+        return not _programs(old) <= _programs(notebook)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return True
+
+
+def _programs(notebook):
+    return {"".join(cell["source"]).strip() for cell in notebook["cells"] if cell["cell_type"] == "code"} - {""}
 
 
 def build(module: Any) -> dict[str, Any]:
@@ -91,13 +109,15 @@ def _setup(exercises):
 
 def _statement(exercise, number, label):
     minutes = "1 minute" if exercise.minutes == 1 else f"{exercise.minutes} minutes"
+    words = {3: "three", 4: "four", 5: "five", 6: "six"}
+    digits = f" Numbers to {words[exercise.digits]} digits, or as formulas." if exercise.digits else ""
     return f"""<span id="{exercise.id}"></span>
 
 ## {number}. {exercise.title}
 
 *{label.capitalize()}; about {minutes}.*
 
-{_with_links(exercise.statement)}"""
+{_with_links(exercise.statement)}{digits}"""
 
 
 def _with_links(text):

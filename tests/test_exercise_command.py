@@ -1,0 +1,109 @@
+"""The command that checks notebooks: what is missing, broken, hostile, and a class."""
+
+import json
+from xml.etree import ElementTree
+
+import nbformat
+import pytest
+
+from rlcore.exercises import CHAPTERS, EXERCISES
+from rlcore.exercises.__main__ import _checked, junit, main, results, summary, table
+from rlcore.exercises.notebook import build, write
+
+ONE = {"ch01_mdp": CHAPTERS["ch01_mdp"]}
+IDS = [id for id in EXERCISES if id.startswith("ch01-")]
+
+
+def notebook(path, change=lambda cells: cells, kernel="python3"):
+    content = build(CHAPTERS["ch01_mdp"])
+    content["cells"] = change(content["cells"])
+    content["metadata"]["kernelspec"]["name"] = kernel
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def without(id):
+    return lambda cells: [cell for cell in cells if f'check("{id}"' not in "".join(cell["source"])]
+
+
+def statuses(rows):
+    return {id: status for _, id, status, _ in rows}
+
+
+@pytest.mark.long
+def test_a_deleted_check_is_missing_and_what_never_ends_costs_what_follows_only(tmp_path):
+    def change(cells):
+        cells = without("ch01-predict-pole")(cells)
+        stop = next(i for i, c in enumerate(cells) if 'check("ch01-build-ferry"' in "".join(c["source"]))
+        cells[stop - 1] = {**cells[stop - 1], "source": ["while True: pass"]}
+        return cells
+
+    rows = results(notebook(tmp_path / "01_mdp.ipynb", change), timeout=10)
+    found = statuses(rows)
+    assert list(found) == IDS and found["ch01-predict-pole"] == "missing"
+    assert found["ch01-return-by-hand"] == "not attempted" and found["ch01-build-ferry"] == "error"
+    assert sum("did not run to its end" in message for *_, message in rows) == 1
+
+
+def test_a_notebook_without_code_is_missing_its_checks(tmp_path):
+    rows = results(notebook(tmp_path / "01_mdp.ipynb", lambda cells: cells[:1]))
+    assert statuses(rows) == dict.fromkeys(IDS, "missing")
+    assert [row[2] for row in results(notebook(tmp_path / "mine.ipynb", lambda cells: cells[:1]))] == ["missing"]
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "", '{"cells": 1, "nbformat": 4, "nbformat_minor": 5, "metadata": {}}'])
+def test_what_is_no_notebook_costs_one_row(tmp_path, text, capsys):
+    path = tmp_path / "01_mdp.ipynb"
+    path.write_text(text)
+    junit_file = tmp_path / "out.xml"
+    assert main([str(path), "--junit", str(junit_file)]) == 1
+    assert "0 passed, 0 failed, 1 error" in capsys.readouterr().out
+    assert ElementTree.parse(junit_file).getroot().attrib["errors"] == "1"
+
+
+def test_an_unknown_kernel_is_said_once(tmp_path):
+    rows = results(notebook(tmp_path / "01_mdp.ipynb", kernel="nothing"))
+    assert set(statuses(rows)) == set(IDS) and sum("nothing" in message.lower() for *_, message in rows) == 1
+
+
+def test_the_junit_file_is_well_formed_for_any_message(tmp_path):
+    messages = ["\x00\x1b[31mred\x08", "\ud800", "", "\n", "<&]]>", "\ufffe", "a\x0bb"]
+    rows = [(f"n\x01{i}", "ch01-return-by-hand", "failed", text) for i, text in enumerate(messages)]
+    junit(rows).write(tmp_path / "x.xml", encoding="utf-8", xml_declaration=True)
+    assert len(ElementTree.parse(tmp_path / "x.xml").getroot()) == len(messages)
+    table(rows).encode()
+
+
+def test_an_id_in_a_comment_or_a_text_is_not_asked():
+    assert _checked('# check("ch01-predict-pole", G)\nx = "ch01-build-ferry"\n%time 1\n') == []
+    assert _checked("rlcore.check('ch01-predict-pole', G)") == ["ch01-predict-pole"]
+    assert _checked('G = (\n# check("ch01-build-ferry", f)\ncheck("ch01-predict-pole", G)') == ["ch01-predict-pole"]
+
+
+def test_writing_never_destroys_answers(tmp_path, capsys):
+    path = write(ONE, tmp_path)[0]
+    assert write(ONE, tmp_path) == [path]  # nothing was answered
+    content = nbformat.read(path, as_version=4)
+    content.cells[3].source = "G0 = 4"
+    nbformat.write(content, path)
+    before = path.read_bytes()
+    with pytest.raises(FileExistsError, match="would be overwritten"):
+        write(ONE, tmp_path)
+    assert main(["--write", str(tmp_path)]) == 2 and path.read_bytes() == before
+    assert len(list(tmp_path.iterdir())) == 1 and "--force" in capsys.readouterr().err
+    write(ONE, tmp_path, force=True)
+    assert path.read_bytes() != before
+
+
+def test_a_class_has_a_row_a_learner(tmp_path):
+    folders = [tmp_path / name for name in ("ada", "bo", "cy", "di", "em")]
+    found = {}
+    for n, folder in enumerate(folders):
+        path = str(folder / "01_mdp.ipynb")
+        found[folder / "01_mdp.ipynb"] = [(path, id, "passed" if i < n else "failed", "no") for i, id in enumerate(IDS)]
+    lines = summary(found, folders).splitlines()
+    assert len(lines) == 6 and [line.split()[0] for line in lines[1:]] == ["ada", "bo", "cy", "di", "em"]
+    reached = [int(line.split()[1]) for line in lines[1:]]
+    assert reached == [sum(EXERCISES[id].minutes for id in IDS[:n]) for n in range(5)]
+    assert "points" in table([row for rows in found.values() for row in rows])
