@@ -387,7 +387,9 @@ def film(
         done = terminated or truncated or t == max_steps
     pictures = [Image.fromarray(np.asarray(frame)) for frame in frames]
     fps = fps or getattr(env, "metadata", {}).get("render_fps") or 30
-    options: dict[str, Any] = dict(format="GIF", save_all=True, append_images=pictures[1:], duration=max(20, round(1000 / fps)), loop=0)
+    options: dict[str, Any] = dict(
+        format="GIF", save_all=True, append_images=pictures[1:], duration=max(20, round(1000 / fps)), loop=0
+    )
     with whole(path, "wb") as out:
         pictures[0].save(out, **options)
     return total

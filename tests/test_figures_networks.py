@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rlcore import plots
-from rlcore.plots import ch05, ch06, ch08
+from rlcore.plots import ch05, ch06
 
 
 @pytest.fixture(autouse=True)
