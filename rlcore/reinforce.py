@@ -164,7 +164,7 @@ def network_world(name: str, world: Any, given: Given) -> Any:
         raise ValueError(f"{name}: got {type(world).__name__}, must be a gymnasium.Env or its id")
     if not is_discrete(actions):
         raise ValueError(f"{name}: got actions {actions}, must be Discrete: the policy is a softmax")
-    if hasattr(observations, "n") or len(observations.shape or ()) != 1:
+    if not hasattr(observations, "low") or len(observations.shape or ()) != 1:
         raise ValueError(f"{name}: got observations {observations}, must be a Box of shape (n,)")
     return world
 

@@ -99,6 +99,13 @@ TESTS = {  # in the order in which they are most likely to notice
     "exercises.sandbox": "test_exercises",
     "exercises.notebook": "test_exercises",
     "explore": "test_explore",
+    "core.endings": "test_endings test_dp",
+    "core.files": "test_saving test_judging",
+    "core.results": "test_saving test_td test_dp",
+    "core.running": "test_running",
+    "core.sparse": "test_models",
+    "judging": "test_judging",
+    "saving": "test_saving",
 }
 LEFT_OUT = {
     "": "an index of names",

@@ -194,7 +194,7 @@ def package(tmp_path):
     package.mkdir(parents=True)
     (package / "core").mkdir()
     (package / "__init__.py").touch()
-    for name in ("__init__.py", "compiled.py"):
+    for name in ("__init__.py", "compiled.py", "types.py"):
         shutil.copy(Path(compiled.__file__).with_name(name), package / "core")
     (package / "chain.py").write_text(CHAIN)
     return package

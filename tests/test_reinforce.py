@@ -917,7 +917,7 @@ def test_what_only_a_linear_policy_has_is_no_argument(learn, name):
 
 
 @pytest.mark.parametrize("learn", [reinforce, actor_critic])
-@pytest.mark.parametrize("name", ["net", "critic", "on_episode"])
+@pytest.mark.parametrize("name", ["net", "critic"])
 def test_what_only_a_network_has_is_no_argument(learn, name):
     with pytest.raises(TypeError, match=f"unexpected keyword argument '{name}'"):
         learn(two_step(), 0.99, 1, rng=rng(), **{name: None})

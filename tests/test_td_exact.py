@@ -1,6 +1,7 @@
 """The learners of td.py and the batches of episodes.py on episodes that are written down, against a few plain lines."""
 
 import inspect
+from collections import namedtuple
 from functools import partial
 
 import gymnasium as gym
@@ -131,9 +132,10 @@ def test_a_log_starts_with_the_first_estimates(first, record, kept):
     assert returns.tolist() == lengths.tolist() == [0] * 7 and (returns.dtype, lengths.dtype) == (float, np.int64)
     table[:] = 0.0  # history does not share the memory of what is learned
     assert np.array_equal(history[0], first)
+    world = namedtuple("World", "marks")(np.zeros(2, np.int64))
     for k in range(7):
         table[:] = k
-        note(history, table, k, record)
+        assert not note(world, history, table, k, record)
     assert np.array_equal(history[0], first)
     assert [row.flat[0] for row in history[1:]] == ([] if record == 0 else list(range(record - 1, 7, record)))
 

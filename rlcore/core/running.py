@@ -77,7 +77,8 @@ class Watch:
 
                     self.bar = tqdm(total=self.n, unit=f" {self.unit}", file=sys.stderr, leave=False)
             if self.bar is not None:
-                self.bar.update(min(int(self.marks[1]) if done is None else done, self.n) - self.bar.n)
+                self.bar.n = min(int(self.marks[1]) if done is None else done, self.n)
+                self.bar.refresh()
 
     def close(self) -> None:
         """Take the bar away."""
