@@ -58,6 +58,7 @@ def test_every_package_that_is_imported_comes_with_the_extra_that_the_import_nam
             if name is not None:
                 assert package in {need.name for need in EXTRAS[name]}, f"{where} is not in the extra {name}"
             elif path.parent.name != "plots":  # its style.py is imported first and asks for them
+                # looked for before they are imported
                 assert package in ("numba", "tqdm", "IPython"), (
                     f"{where} is in no `with extra(...)`"
                 )  # looked for before
