@@ -182,7 +182,7 @@ def violations(tab, options):
 def show(tab, scheme):
     tab.emulate_media(color_scheme=scheme, reduced_motion="reduce")
     tab.evaluate("scheme => document.documentElement.dataset.theme = scheme", scheme)
-    tab.evaluate("Promise.all(document.getAnimations().map(animation => animation.finished.catch(() => {})))")
+    tab.evaluate("document.getAnimations().forEach(a => a.effect.getComputedTiming().endTime < Infinity && a.finish())")
 
 
 @every_page
