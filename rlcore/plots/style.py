@@ -309,7 +309,7 @@ def encode(fig: Any, fmt: str = "svg", *, dpi: int = 150) -> tuple[str, bytes]:
 
 
 def _small_svg(svg):
-    """Drop comments, unused ids and digits beyond 1/100 point; name the fonts once, with fallbacks."""
+    """Drop comments, unused ids and digits beyond 1/10 point of a path, 1/100 of a place; name the fonts once."""
     svg = " ".join(re.sub(r"<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.S).split())
     svg = re.sub(r'<g id="[^"]*"', "<g", svg).replace("> <", "><")
     svg = svg.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
@@ -353,5 +353,6 @@ def _shorter(attribute):
         return ""
     if "scale" in text or "matrix" in text:
         return text
-    text = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number.group()):.2f}".rstrip("0").rstrip("."), text)
+    places = 1 if text.startswith(" d=") else 2
+    text = re.sub(r"-?\d+\.\d{2,}", lambda x: f"{float(x.group()):.{places}f}".rstrip("0").rstrip("."), text)
     return re.sub(r" ?\b([A-Zz])\b ?", r"\1", text) if text.startswith(" d=") else text
