@@ -64,6 +64,8 @@ def test_weights_of_figure_24():
     near([bar.get_x() + bar.get_width() / 2, bar.get_height()], [4, 0.512])
     assert {text.get_text() for text in ax.get_legend().get_texts()} == {"n-step returns", "complete return, 0.51"}
     assert labels(ax) == ("n", "weight", "λ = 0.8, half of it every 3.1 steps")  # 0.8^3.1 = 0.5
+    ticks = plots.return_weights(np.full(20, 0.05), 0.9).axes[0].get_xticks()
+    near(ticks, ticks.round())
 
 
 @pytest.mark.parametrize("forward", [True, False])
@@ -382,7 +384,8 @@ def test_one_term_of_figures_59_and_60(advantage):
 
 def test_runs_of_figure_61_have_a_row_for_each_setting():
     runs = {"clip 0.2": np.array([0.5, 0.9, np.nan]), "KL": np.array([0.2, 0.4, 0.6])}
-    (ax,) = plots.by_setting(runs, "score", marks=[0.8, 0.5], mark_label="published", title="figure 61").axes
+    (ax,) = plots.by_setting(runs, "score", marks=[0.8, 0.5], mark_label="published", title="figure 61", dots="a").axes
+    assert "a" in series(ax)
     names = {tick.get_text(): y for tick, y in zip(ax.get_yticklabels(), ax.get_yticks())}
     assert names["clip 0.2"] > names["KL"]
     dots = [line.get_xydata() for line in ax.lines if line.get_marker() == "o"]

@@ -45,6 +45,7 @@ def return_weights(weights: ArrayLike, lam: float) -> Figure:
     ax.bar(n[-1:], weights[-1:], width=0.7, color=RED, label=f"complete return, {weights[-1]:.2g}")
     half = f", half of it every {np.log(0.5) / np.log(lam):.1f} steps" if 0 < lam < 1 else ""
     ax.set(xlabel="n", ylabel="weight", title=f"λ = {lam:g}{half}", ylim=(0, 1.05 * max(weights.max(), 0.1)))
+    ax.xaxis.get_major_locator().set_params(integer=True)
     ax.legend()
     return fig
 

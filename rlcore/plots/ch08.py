@@ -232,10 +232,12 @@ def by_setting(
     height: float = 4.4,
     title: str = "",
     ylabel: str = "",
+    dots: str = "one run",
 ) -> Figure:
-    """Each run as a dot, a row for each setting, means as bars; runs: {label: (n,)}. fig-61, cl-138, cl-143
+    """Each value as a dot, a row for each setting, means as bars; runs: {label: (n,)}. fig-61, cl-138, cl-143
 
-    marks: one more value for each setting, such as the published one. linear: beyond +-linear the scale is logarithmic.
+    marks: one more value for each setting, such as the published one. dots: what a dot is. linear: beyond
+    +-linear the scale is logarithmic.
     """
     fig, ax = new_figure(height=height)
     y = np.arange(len(runs))[::-1]
@@ -244,7 +246,7 @@ def by_setting(
         ax.xaxis.set(major_locator=FixedLocator(linear * SYMLOG_TICKS), major_formatter="{x:g}")
     for row, values in zip(y, runs.values()):
         values = np.asarray(values)[np.isfinite(values)]
-        named = {"label": "one run"} if row == y[0] else {}
+        named = {"label": dots} if row == y[0] else {}
         ax.plot(values, np.full(len(values), row), "o", color=BLUE, ms=5, alpha=0.45, **named)
         if len(values):
             named = {"label": "mean"} if row == y[0] else {}
