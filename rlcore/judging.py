@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rlcore.core.agents import ActorCritic
-from rlcore.core.checks import Model, check_flag, check_pi, finite, is_discrete, show, spaces
+from rlcore.core.checks import Model, as_floats, check_flag, check_pi, finite, is_discrete, show, spaces
 from rlcore.core.extras import extra
 from rlcore.core.files import check_path, whole
 from rlcore.core.learner import learner
@@ -77,13 +78,13 @@ class Evaluation:
 def _agent(name, agent, given):
     """The rule of what acts: a policy (S, A), or a function from an observation to an action or to a sampled one."""
     agent = agent.policy if isinstance(agent, Run) else agent.pi if isinstance(agent, Solution) else agent
-    if agent is None or isinstance(agent, (str, bytes, type)):
+    if hasattr(agent, "forward") or (callable(agent) and not isinstance(agent, type)):
+        return agent
+    if agent is None or isinstance(agent, (str, bytes, type)) or np.ndim(pi := finite(name, agent)) != 2:
         raise ValueError(
             f"{name}: got {show(agent)}, must be a policy (S, A), a Run, an agent, a network or a function"
         )
-    if hasattr(agent, "forward") or callable(agent):
-        return agent
-    return finite(name, agent)
+    return pi
 
 
 def _world(name, world, given):
@@ -113,7 +114,7 @@ def _acting(agent: Any, env: Any, likeliest: bool, rng: Rng) -> Callable[[Any], 
     if not hasattr(agent, "forward"):
         first = int(getattr(env.observation_space, "start", 0)) if is_discrete(env.observation_space) else 0
         less = int(getattr(env.action_space, "start", 0)) if is_discrete(env.action_space) else 0
-        return lambda s: agent(s + first if first else s) - less if less else agent(s + first if first else s)
+        return lambda s: _allowed(agent(s + first if first else s), env.action_space) - less
     if not is_discrete(env.action_space):
         raise ValueError(f"agent: got a network for {env.action_space}, must be an ActorCritic there")
 
@@ -122,6 +123,19 @@ def _acting(agent: Any, env: Any, likeliest: bool, rng: Rng) -> Callable[[Any], 
         return int(outputs.argmax()) if likeliest else int(Categorical(outputs).sample(rng))
 
     return act
+
+
+def _allowed(action, space):
+    """What a function gave, as an action of the space; ValueError where it is none."""
+    if is_discrete(space):
+        try:
+            if operator.index(action) - int(getattr(space, "start", 0)) in range(int(space.n)):
+                return operator.index(action)
+        except TypeError:
+            pass
+    elif as_floats("agent", action).shape == space.shape:
+        return action
+    raise ValueError(f"agent: gave action {show(action)}, must be in {space}")
 
 
 @learner(lambda given, returns, lengths: (returns, lengths), pi=lambda name, pi, given: pi, max_steps=anything)

@@ -112,6 +112,11 @@ def test_one_episode_says_nothing_about_others():
     (None, random_walk(3), "agent: got None"), ("pi", random_walk(3), "agent: got 'pi'"),
     (np.ones((3, 1)), random_walk(3), "agent: got shape (3, 1)"), (lambda s: 0, random_walk(3), "world: got FiniteMDP"),
     (np.ones((3, 1)), "CartPole-v1", "world: got"), (MLP([3, 1], rng=rng()), "Pendulum-v1", "agent: got a network"),
+    (3, "CartPole-v1", "agent: got 3"), ([0.5, 0.5], random_walk(3), "agent: got [0.5, 0.5]"),
+    (lambda s: 7, "CartPole-v1", "agent: gave action 7"), (lambda s: None, "CartPole-v1", "agent: gave action None"),
+    (lambda s: 0.5, "CartPole-v1", "agent: gave action 0.5"), (lambda s: 0.5, "Pendulum-v1", "agent: gave action 0.5"),
+    (lambda s: "left", "Pendulum-v1", "agent: got"), (lambda s: 2, Shifted(), "agent: gave action 2"),
+    (lambda s: 5, Shifted(), "agent: gave action 5"),
 ])  # fmt: skip
 def test_what_cannot_be_judged_is_refused(agent, world, says):
     with pytest.raises(ValueError) as error:
