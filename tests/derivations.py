@@ -5,11 +5,8 @@ that begins with a sign goes on from the line before; one that begins with \quad
 """
 
 import itertools
-import json
-import os
 import re
 from functools import cache
-from pathlib import Path
 
 import derivations_gradients
 import derivations_networks
@@ -17,12 +14,11 @@ import derivations_tables
 import derivations_traces
 import derivations_trust
 import numpy as np
-from latex import BOOK, chain
+from latex import BOOK, cells, chain
 
 CHAPTERS = derivations_tables, derivations_traces, derivations_networks, derivations_gradients, derivations_trust
 REGISTRY = {name: found for module in CHAPTERS for name, found in module.REGISTRY.items()}
 HARMLESS = {name: found for module in CHAPTERS for name, found in module.HARMLESS.items()}
-DRAFTS = os.environ.get("DERIVATIONS", "")  # a folder of Markdown files to read as well as the chapters
 
 
 # ---------------------------------------------------------------------- the page
@@ -30,16 +26,8 @@ DRAFTS = os.environ.get("DERIVATIONS", "")  # a folder of Markdown files to read
 
 @cache
 def texts():
-    """{name of the page: its Markdown}; of a draft, what the chapters do not hold."""
-    found = {}
-    for path in sorted(BOOK.glob("0*.ipynb")):
-        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-        found[path.stem] = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
-    held = {*re.findall(ANCHOR, " ".join(found.values()))}
-    for path in sorted(Path(DRAFTS).glob("ch0*.md")) if DRAFTS else []:
-        text = path.read_text(encoding="utf-8")
-        found[path.stem] = re.sub(ANCHOR, lambda m: "" if m[1] in held else m[0], text)
-    return found
+    """{name of the page: its Markdown}"""
+    return {path.stem: "\n\n".join(cells(path.stem, "markdown")) for path in sorted(BOOK.glob("0*.ipynb"))}
 
 
 ANCHOR = r'<span id="(dv-[^"]*)"></span>'

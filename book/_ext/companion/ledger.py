@@ -58,7 +58,7 @@ def page_link(text, place):
 
 
 def record_link(row):
-    return [page_link("record", row["record"])] if "record" in row else []
+    return [page_link("record", row["record"])]
 
 
 def name_node(text):
@@ -194,12 +194,12 @@ class Claims(SphinxDirective):
         verdict = VERDICTS[str(row["verdict"])]
         words = {"conditions": "on conditions"}.get(verdict, verdict)
         text = nodes.container()
-        said = sentences(paragraph_at(self.env.srcdir, row.get("record", row["page"])))
+        said = sentences(paragraph_at(self.env.srcdir, row["record"]))
         lines = re.sub(r"^\*\*Claim: (.)", lambda first: "**" + first[1].upper(), said).splitlines()
         self.state.nested_parse(StringList(lines, "claim"), 0, text)
         inline = text.children[0].children if text.children and isinstance(text.children[0], nodes.paragraph) else []
         return [
-            [page_link(row["id"], row.get("record", row["page"]))],
+            [page_link(row["id"], row["record"])],
             [nodes.inline("", words, classes=["verdict", verdict])],
             [child.deepcopy() for child in inline],
         ]
