@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from rlcore.core.checks import check_count, check_flag, show
+from rlcore.core.files import whole
 from rlcore.core.rules import checked, instance
 from rlcore.core.types import File
 
@@ -303,13 +304,8 @@ def _digest(data):
 
 
 def _write(path, record):
-    """All of the file or nothing: written aside, then renamed."""
-    part = path.with_name(path.name + ".part")
-    with open(part, "w") as out:
+    with whole(path) as out:
         json.dump({"run": asdict(record), "sha256": _digest(asdict(record))}, out)
-        out.flush()
-        os.fsync(out.fileno())
-    os.replace(part, path)
 
 
 def _read(store):

@@ -100,7 +100,7 @@ TESTS = {  # in the order in which they are most likely to notice
     "exercises.notebook": "test_exercises",
     "explore": "test_explore",
     "core.endings": "test_endings test_dp",
-    "core.files": "test_saving test_judging",
+    "core.files": "test_saving test_judging test_sweep",
     "core.results": "test_saving test_td test_dp",
     "core.running": "test_running",
     "core.sparse": "test_models",
