@@ -59,12 +59,12 @@ def run_guarded(function: Callable[[], Any], seconds: float) -> Any:
 
     The clock may show PATIENCE times as much. On systems that fork, function runs in a child process, which is ended
     when the time is up. Elsewhere (Windows) it runs in a thread that gets an exception when the time is up; memory is
-    not limited there. The result comes back as numbers, text, arrays, tuples, lists, dicts and processes; anything
-    else as an Opaque. What it prints and draws appears as if it had run here, also where it fails.
+    not limited there. In a browser, which has neither, it runs in place, and the clock is looked at in between. The
+    result comes back as numbers, text, arrays, tuples, lists, dicts and processes; anything else as an Opaque. What it
+    prints and draws appears as if it had run here, also where it fails.
     """
-    status, value, printed, figures = (
-        _in_child(function, seconds) if hasattr(os, "fork") else _in_thread(function, seconds)
-    )
+    run = _in_place if sys.platform == "emscripten" else _in_child if hasattr(os, "fork") else _in_thread
+    status, value, printed, figures = run(function, seconds)
     if printed:
         print(printed, end="" if printed.endswith("\n") else "\n")
     _display(figures)
@@ -379,3 +379,35 @@ def _in_thread(function, seconds):
         return "crash", reason, _printed(file), []
     status, value, _ = _unpack(outcome[0])
     return status, value, _printed(file), []
+
+
+# ---------------------------------------------------------------------- in a browser: neither processes nor threads
+
+
+def _in_place(function, seconds):
+    """A look at the clock wherever Python code calls or jumps back; one long call into C is not interrupted."""
+    watch, file, end = sys.monitoring, io.BytesIO(), time.monotonic() + seconds
+    events = watch.events.PY_START, watch.events.JUMP, watch.events.PY_RESUME
+
+    def look(*_):
+        nonlocal end
+        if time.monotonic() > end:
+            end += 0.05  # an answer that catches the exception soon gets another
+            raise TimeIsUp
+
+    outcome, out = ("crash", None), _Printed(file)
+    watch.use_tool_id(watch.PROFILER_ID, "rlcore")
+    try:
+        for event in events:
+            watch.register_callback(watch.PROFILER_ID, event, look)
+        watch.set_events(watch.PROFILER_ID, sum(events))
+        with redirect_stdout(out), redirect_stderr(out):
+            outcome = _attempt(function)
+    except TimeIsUp:
+        pass  # between the end of the answer and here
+    finally:
+        watch.set_events(watch.PROFILER_ID, 0)
+        watch.free_tool_id(watch.PROFILER_ID)
+    if outcome == ("crash", None):
+        return "crash", _too_slow(seconds), _printed(file), []
+    return *_unpack(_pack(*outcome, []))[:2], _printed(file), []
