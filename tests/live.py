@@ -1,8 +1,9 @@
-"""How long each live cell takes, in plain Python, and whether it prints what the page shows, in any order of clicks.
+"""How long each live cell takes, and whether it prints what the page shows, in whatever order cells are clicked.
 
-python tests/live.py [PAGE ...]      writes book/_live/seconds.json; an hour for the whole book, a page at a time
+python tests/live.py [NOTEBOOK ...]     plain Python, as in a browser; about an hour; writes book/_live/seconds.json
 """
 
+import hashlib
 import json
 import os
 import random
@@ -16,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 LIVE = ROOT / "book" / "_live"
 SECONDS = LIVE / "seconds.json"
 SLOWER = 2.5  # a browser's Python against this one
-LONGEST = 60  # seconds in a browser
+LONGEST = 60  # seconds in a browser, of a cell and what it builds on
 sys.path.insert(0, str(LIVE))
 
 
@@ -24,65 +25,90 @@ class TooLong(BaseException):
     pass
 
 
-def late(*_):
+def too_long(*_):
     raise TooLong
 
 
 def cells(path):
-    """(source, text that it printed) of each code cell."""
-    notebook = json.loads(path.read_text(encoding="utf-8"))
-    return [
-        ("".join(c["source"]), "".join("".join(o.get("text", "")) for o in c["outputs"]))
-        for c in notebook["cells"]
-        if c["cell_type"] == "code"
-    ]
+    """Source, and text that it printed, of each code cell."""
+    parts = [c for c in json.loads(path.read_text(encoding="utf-8"))["cells"] if c["cell_type"] == "code"]
+    return ["".join(c["source"]) for c in parts], ["".join("".join(o.get("text", "")) for o in c["outputs"]) for c in parts]
 
 
-def measure(path):
-    """Own seconds of each cell of a notebook, in order; None where it, or what it builds on, takes too long."""
-    from needs import analyse
-    from shell import Shell
+class Page:
+    """The cells of a notebook in a shell of their own."""
 
-    sources, stored = zip(*cells(path), strict=True)
-    needs, _ = analyse(sources)
-    printed, seconds = [], {}
-    shell = Shell(lambda output: printed.append(json.loads(output)))
-    signal.signal(signal.SIGPROF, late)
+    def __init__(self, path):
+        from needs import analyse
+        from shell import Shell
 
-    def run(n):
-        printed.clear()
-        well = shell.run(sources, n)
-        text = "".join(o["text"] for o in printed if o["type"] == "stream")
-        errors = [o["text"] for o in printed if o["type"] == "error"]
-        return well, text, errors
+        self.printed = []
+        self.shell = Shell(lambda output: self.printed.append(json.loads(output)))
+        self.sources, self.stored = cells(path)
+        self.needs, _ = analyse(self.sources)
 
-    for n in range(len(sources)):
-        if any(seconds[i] is None for i in needs[n]):
-            seconds[n] = None
-            continue
+    def run(self, n):
+        """What is wrong with what cell n prints, or ""."""
+        self.printed.clear()
+        if not self.shell.run(self.sources, n):
+            return self.printed[-1]["text"]
+        text = "".join(o["text"] for o in self.printed if o["type"] == "stream")
+        return "" if text == self.stored[n] else f"printed {text!r} instead of {self.stored[n]!r}"
+
+    def time(self, n):
+        signal.signal(signal.SIGPROF, too_long)
         signal.setitimer(signal.ITIMER_PROF, LONGEST / SLOWER)
         start = time.process_time()
         try:
-            well, text, errors = run(n)
+            problem = self.run(n)
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
-        seconds[n] = (time.process_time() - start) * SLOWER
-        if errors and "TooLong" in errors[0]:
-            seconds[n] = None
-        elif errors:
-            print(f"  {path.name}, cell {n + 1}: {errors[0].strip().splitlines()[-1]}")
-        elif text != stored[n]:
-            print(f"  {path.name}, cell {n + 1}: printed\n{text}\ninstead of\n{stored[n]}")
-    total = {n: None if seconds[n] is None else seconds[n] + sum(seconds[i] for i in needs[n]) for n in seconds}
-    return sources, stored, seconds, total
+        return None if "TooLong" in problem else time.process_time() - start, "" if "TooLong" in problem else problem
+
+    def click(self, n):
+        """Run a cell and what it builds on, as the page does."""
+        return [problem for i in self.shell.plan(self.sources, n) if (problem := self.run(i))]
+
+
+def digest(source):
+    return hashlib.sha256(source.strip().encode()).hexdigest()[:12]
+
+
+def measure(path):
+    """Seconds in a browser of each cell with what it builds on, None where it is too long; and what is wrong."""
+    page, own, problems = Page(path), {}, []
+    for n in range(len(page.sources)):
+        own[n], problem = (None, "") if any(own[i] is None for i in page.needs[n]) else page.time(n)
+        problems += [f"cell {n + 1}: {problem}"] if problem else []
+    total = {}
+    for n in own:
+        parts = [own[i] for i in [*page.needs[n], n]]
+        total[n] = None if None in parts or SLOWER * sum(parts) > LONGEST else round(SLOWER * sum(parts))
+    return page.sources, total, problems
+
+
+def shuffle(path, quick, seed=0):
+    """What goes wrong when the cells named are clicked in a random order, each twice."""
+    page, order = Page(path), [*quick, *quick]
+    random.Random(seed).shuffle(order)
+    return [f"cell {n + 1}, clicked in another order: {problem}" for n in order for problem in page.click(n)]
+
+
+def main(paths):
+    failed = False
+    for path in sorted(paths):
+        sources, total, problems = measure(path)
+        problems += shuffle(path, [n for n, seconds in total.items() if seconds is not None and seconds < 10])
+        known = json.loads(SECONDS.read_text())
+        known |= {digest(sources[n]): seconds or 0 for n, seconds in total.items() if seconds is None or seconds >= 3}
+        SECONDS.write_text(json.dumps(known, indent=0, sort_keys=True) + "\n")
+        slow = sum(seconds is None for seconds in total.values())
+        print(f"{path.name}: {len(total)} cells, {slow} too slow, {len(problems)} problems", *problems, sep="\n  ", flush=True)
+        failed |= bool(problems)
+    return failed
 
 
 if __name__ == "__main__":
-    paths = [Path(name).resolve() for name in sys.argv[1:]] or [*ROOT.glob("book/0*.ipynb"), *ROOT.glob("book/exercises/*.ipynb")]
+    names = [Path(name).resolve() for name in sys.argv[1:]]
     os.chdir(ROOT / "book")
-    for path in sorted(paths):
-        start = time.process_time()
-        sources, stored, seconds, total = measure(path)
-        slow = sum(value is None for value in seconds.values())
-        print(f"{path.name}: {len(sources)} cells, {slow} too slow, {time.process_time() - start:.0f} s", flush=True)
-        print({n + 1: None if v is None else round(v, 1) for n, v in seconds.items() if v is None or v > 3}, flush=True)
+    sys.exit(main(names or [*ROOT.glob("book/0*.ipynb"), *ROOT.glob("book/exercises/*.ipynb")]))

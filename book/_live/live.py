@@ -15,15 +15,16 @@ from sphinx.errors import ExtensionError
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
 FETCHED = ROOT / "_build" / "live" / "python"
 LIVE = re.compile(r"book/(0\d_|exercises/)")
-OWN = ("hook.js", "live.js", "worker.js", "live.css", "needs.py", "shell.py")
+OWN = ("hook.js", "live.js", "worker.js", "live.css")
 
 
 def package():
-    """rlcore and the data that cells read, as one archive, the same bytes each time."""
+    """rlcore, the data that cells read and what runs them, as one archive, the same bytes each time."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as file:
-        for path in sorted([*ROOT.glob("rlcore/**/*.py"), *ROOT.glob("book/data/*")]):
-            name = path.relative_to(ROOT if path.suffix == ".py" else ROOT / "book").as_posix()
+        parts = [(ROOT, "rlcore/**/*.py"), (ROOT / "book", "data/*"), (HERE, "needs.py"), (HERE, "shell.py")]
+        for base, path in sorted((base, path) for base, pattern in parts for path in base.glob(pattern)):
+            name = path.relative_to(base).as_posix()
             file.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), path.read_bytes(), zipfile.ZIP_DEFLATED, 9)
     return out.getvalue()
 

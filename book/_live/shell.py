@@ -9,9 +9,12 @@ import json
 import linecache
 import os
 import sys
+import time
 import traceback
 import types
 import zipfile
+
+from needs import analyse
 
 SITE = next((path for path in sys.path if path.endswith("site-packages")), "")
 HERE = (lambda: 0).__code__.co_filename
@@ -46,16 +49,25 @@ class Late:
 
 
 class Stream(io.TextIOBase):
+    """What a cell prints: sent ten times a second at most, so that a loop that prints does not stop the page."""
+
     def __init__(self, name, shell):
-        self.name, self.shell = name, shell
+        self.name, self.shell, self.parts, self.sent, self.left = name, shell, [], 0.0, PRINTED
 
     def write(self, text):
         text = str(text)
-        if (left := self.shell.left) > 0:
-            self.shell.left -= len(text)
-            end = "\n... more is not shown\n" if len(text) > left else ""
-            self.shell.emit({"type": "stream", "name": self.name, "text": text[:left] + end})
+        if self.left > 0:
+            more = "\n... more is not shown\n" if len(text) > self.left else ""
+            self.parts.append(text[: self.left] + more)
+            self.left -= len(text)
+        if time.monotonic() > self.sent + 0.1:
+            self.flush()
         return len(text)
+
+    def flush(self):
+        if self.parts:
+            self.shell.tell(json.dumps({"type": "stream", "name": self.name, "text": "".join(self.parts)}))
+            self.parts, self.sent = [], time.monotonic()
 
     def writable(self):
         return True
@@ -98,12 +110,14 @@ class Shell:
     """The cells of one page: what each has made, so that the order of clicks changes nothing."""
 
     def __init__(self, tell):
-        self.tell, self.left = tell, PRINTED
+        self.tell = tell
         self.made = {}  # cell -> (source, what it bound)
         self.stamp, self.count = {}, 0  # cell -> when it last ran
         self.touched = {}  # cell -> the cells that since changed in place what it made
 
     def emit(self, output):
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
         self.tell(json.dumps(output))
 
     def plan(self, sources, n):
@@ -149,7 +163,7 @@ class Shell:
 
     def execute(self, source, name, names):
         linecache.cache[name] = (len(source), None, source.splitlines(True), name)
-        out, err, self.left = sys.stdout, sys.stderr, PRINTED
+        out, err = sys.stdout, sys.stderr
         sys.stdout, sys.stderr = Stream("stdout", self), Stream("stderr", self)
         try:
             tree = ast.parse(source, name)
@@ -165,6 +179,8 @@ class Shell:
             self.emit({"type": "error", "text": "".join(traceback.format_exception(type(error), error, trace))})
             return False
         finally:
+            for stream in (sys.stdout, sys.stderr):
+                stream.flush()
             sys.stdout, sys.stderr = out, err
         return True
 

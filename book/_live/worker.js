@@ -45,13 +45,12 @@ async function start(sources) {
   const lock = JSON.stringify({ info: files.info, packages: {} }); // we unpack them ourselves
   const py = await loadPyodide({ indexURL: at("python/").href, lockFileContents: lock });
   py.unpackArchive(own, "zip", { extractDir: "/book" });
-  for (const name of ["needs.py", "shell.py"])
-    py.runPython(new TextDecoder().decode(await get(name)), { filename: name });
+  py.runPython("import os, sys; sys.path.insert(0, '/book'); os.chdir('/book'); from shell import Late, Shell");
   const late = py.globals.get("Late")(py.toPy(files.late), py.toPy(files.sha256), (name) => py.toPy(fetchNow(name)));
   late.unpack("numpy", py.toPy(new Uint8Array(archives[0])));
   if (plots) late.unpack("plots", py.toPy(new Uint8Array(archives[1])));
   py.globals.set("late", late);
-  py.runPython("import os, sys; sys.meta_path.insert(0, late); sys.path.insert(0, '/book'); os.chdir('/book')");
+  py.runPython("sys.meta_path.insert(0, late)");
   const made = py.globals.get("Shell")((output) => say({ type: "output", id: busy, shown, output: JSON.parse(output) }));
   return { plan: (s, n) => made.plan(py.toPy(s), n).toJs(), run: (s, n) => made.run(py.toPy(s), n), py };
 }
