@@ -2,7 +2,7 @@
 # make check  lint, format, types, most unit tests   make test-all  that, and what takes longer
 # make lab    open the notebooks in JupyterLab       make outputs   run the notebooks and store what they show
 # make lock   pin all packages anew, with hashes     make wheel     build the package and try it by itself
-# make clean  remove what the build made
+# make live   the book with cells that run in the page   make clean  remove what the build made
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3 python,$(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print("$(p)")' 2>/dev/null)))
 REQUIREMENTS ?= requirements.txt
 LOCK := $(if $(filter requirements.txt,$(REQUIREMENTS)),requirements.lock)
@@ -13,7 +13,9 @@ HTML := _build/html
 RUN := $(BIN)/python tests/run.py
 NOTEBOOKS := $(wildcard book/*.ipynb book/record/*.ipynb)
 
-.PHONY: book html test test-all check pages notebooks lab outputs clean install lock mutation rows wheel
+export LIVE  # 1: a book whose cells run in the reader's browser, with the files of `make live`
+
+.PHONY: book html live test test-all check pages notebooks lab outputs clean install lock mutation rows wheel
 
 install: $(STAMP)
 
@@ -41,6 +43,11 @@ book: html
 # -W: a warning fails the build; -n: so does a reference that leads nowhere
 html: $(STAMP)
 	@$(BIN)/jupyter-book build . -W -n --keep-going
+
+# the same with cells that run in the page, on what is fetched once, by hash; serve it: python -m http.server -d _build/html
+live: $(STAMP)
+	@$(BIN)/python book/_live/fetch.py
+	@$(MAKE) --no-print-directory book LIVE=1
 
 test: $(STAMP)
 	@.ci/browser

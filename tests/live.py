@@ -32,7 +32,9 @@ def too_long(*_):
 def cells(path):
     """Source, and text that it printed, of each code cell."""
     parts = [c for c in json.loads(path.read_text(encoding="utf-8"))["cells"] if c["cell_type"] == "code"]
-    return ["".join(c["source"]) for c in parts], ["".join("".join(o.get("text", "")) for o in c["outputs"]) for c in parts]
+    return ["".join(c["source"]) for c in parts], [
+        "".join("".join(o.get("text", "")) for o in c["outputs"]) for c in parts
+    ]
 
 
 class Page:
@@ -103,7 +105,12 @@ def main(paths):
         known |= {digest(sources[n]): seconds or 0 for n, seconds in total.items() if seconds is None or seconds >= 3}
         SECONDS.write_text(json.dumps(known, indent=0, sort_keys=True) + "\n")
         slow = sum(seconds is None for seconds in total.values())
-        print(f"{path.name}: {len(total)} cells, {slow} too slow, {len(problems)} problems", *problems, sep="\n  ", flush=True)
+        print(
+            f"{path.name}: {len(total)} cells, {slow} too slow, {len(problems)} problems",
+            *problems,
+            sep="\n  ",
+            flush=True,
+        )
         failed |= bool(problems)
     return failed
 

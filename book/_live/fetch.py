@@ -26,7 +26,17 @@ FILES = TO / "files"  # as they came
 PYODIDE = "https://cdn.jsdelivr.net/pyodide/v{}/full/{}"
 CARRIER = "open-webui==0.12.4", "open_webui/frontend/pyodide/"  # a wheel that carries Pyodide's files unchanged
 CORE = ("pyodide.mjs", "pyodide.asm.mjs", "pyodide.asm.wasm", "python_stdlib.zip")
-PLOTS = ("matplotlib", "contourpy", "cycler", "kiwisolver", "packaging", "pillow", "pyparsing", "python-dateutil", "six")
+PLOTS = (
+    "matplotlib",
+    "contourpy",
+    "cycler",
+    "kiwisolver",
+    "packaging",
+    "pillow",
+    "pyparsing",
+    "python-dateutil",
+    "six",
+)
 ARCHIVES = {  # what is loaded together, when one of its modules is first imported
     "numpy": ("numpy",),
     "plots": PLOTS,
@@ -96,7 +106,9 @@ def from_npm(requirement, name):
     about = json.load(tar.extractfile("package/package.json"))
     main = about["exports"]["import"] if isinstance(about.get("exports"), dict) else about["module"]
     licence = next(part for part in tar.getnames() if re.fullmatch(r"package/LICEN[CS]E(\.\w+)?", part))
-    return tar.extractfile("package/" + (main if name.endswith(".js") else licence.split("/")[1]).removeprefix("./")).read()
+    return tar.extractfile(
+        "package/" + (main if name.endswith(".js") else licence.split("/")[1]).removeprefix("./")
+    ).read()
 
 
 SOURCES = {"pyodide": (from_pyodide, from_carrier), "pypi": (from_pypi,), "npm": (from_npm,)}
@@ -142,7 +154,9 @@ def pack(archive, files):
             for path in sorted(filter(lambda p: belongs(archive, p), old.namelist())):
                 new.writestr(zipfile.ZipInfo(path, (1980, 1, 1, 0, 0, 0)), old.read(path), zipfile.ZIP_DEFLATED, 9)
                 parts = path.removesuffix(".py").split("/")[: 2 if archive == "scipy-more" else 1]
-                if not re.search(r"\.(dist-info|libs|so|pth)$", parts[0]) and len(parts) == 1 + (archive == "scipy-more"):
+                if not re.search(r"\.(dist-info|libs|so|pth)$", parts[0]) and len(parts) == 1 + (
+                    archive == "scipy-more"
+                ):
                     names.add(".".join(parts))
     return out.getvalue(), sorted(names)
 
@@ -175,7 +189,9 @@ def main():
         late |= dict.fromkeys(names, archive)
     for name in CORE:
         data = (FILES / name).read_bytes()
-        made[name + ".gz" * name.endswith(".wasm")] = gzip.compress(data, 9, mtime=0) if name.endswith(".wasm") else data
+        made[name + ".gz" * name.endswith(".wasm")] = (
+            gzip.compress(data, 9, mtime=0) if name.endswith(".wasm") else data
+        )
     for name in NPM:
         text = (FILES / f"{slug(name)}.js").read_text(encoding="utf-8")
         made[f"{slug(name)}.js"] = re.sub(
@@ -199,7 +215,10 @@ def lock(version):
         data = package(f"pyodide@{version}").extractfile(f"package/{name}").read()
         files[name] = {"from": f"pyodide {version}", "sha256": digest(data)}
     for name in sorted({name for names in ARCHIVES.values() for name in names} - set(PYPI)):
-        files[theirs["packages"][name]["file_name"]] = {"from": f"pyodide {version}", "sha256": theirs["packages"][name]["sha256"]}
+        files[theirs["packages"][name]["file_name"]] = {
+            "from": f"pyodide {version}",
+            "sha256": theirs["packages"][name]["sha256"],
+        }
     for requirement in (line.split(" ")[0] for line in (ROOT / "requirements.lock").read_text().splitlines()):
         if requirement.split("==")[0] in PYPI:
             with tempfile.TemporaryDirectory() as folder:

@@ -93,6 +93,7 @@ async function run(n) {
     const result = await ask(one, cells.map((_, i) => text(i)), ids[n] ? [n, n + 1] : [n]);
     const seconds = ((performance.now() - start) / 1000).toFixed(1);
     one.status.textContent = `${result.well ? "Done" : result.shown ? "Ended with an error" : "A cell that this one builds on ended with an error"} in ${seconds} s`;
+    one.status.title = `Python holds ${Math.round(result.heap / 1e6)} MB`;
     if (ids[n] && result.well) passed(n, one.output.lastChild?.textContent.startsWith("passed"));
   } catch (error) {
     one.status.textContent = error.message;

@@ -23,8 +23,8 @@ def package():
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as file:
         parts = [(ROOT, "rlcore/**/*.py"), (ROOT / "book", "data/*"), (HERE, "needs.py"), (HERE, "shell.py")]
-        for base, path in sorted((base, path) for base, pattern in parts for path in base.glob(pattern)):
-            name = path.relative_to(base).as_posix()
+        found = {path.relative_to(base).as_posix(): path for base, pattern in parts for path in base.glob(pattern)}
+        for name, path in sorted(found.items()):
             file.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), path.read_bytes(), zipfile.ZIP_DEFLATED, 9)
     return out.getvalue()
 
@@ -49,7 +49,11 @@ def add_buttons(app, pagename, templatename, context, doctree):
 def slow(pagename, doctree):
     """The seconds of the cells that take long in a browser, 0 for one that takes too long to be offered."""
     measured = json.loads((HERE / "seconds.json").read_text(encoding="utf-8"))
-    cells = [node.astext() for node in doctree.findall(nodes.container) if "cell_input" in node["classes"]] if doctree else []
+    cells = (
+        [node.astext() for node in doctree.findall(nodes.container) if "cell_input" in node["classes"]]
+        if doctree
+        else []
+    )
     known = {n: measured.get(hashlib.sha256(text.strip().encode()).hexdigest()[:12]) for n, text in enumerate(cells)}
     words = ",".join(f"{n}:{seconds}" for n, seconds in known.items() if seconds is not None)
     return {"data-slow": words} if words else {}

@@ -95,7 +95,7 @@ def watched(watch: Watch) -> Iterator[None]:
     Python's own handlers wait until compiled code returns. What Python's C code does at once is to write to a socket,
     which a thread listens to: compiled loops leave it the interpreter.
     """
-    here = threading.current_thread() is threading.main_thread()
+    here = threading.current_thread() is threading.main_thread() and sys.platform != "emscripten"  # has no threads
     if not here or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         try:
             yield
