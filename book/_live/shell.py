@@ -55,7 +55,8 @@ class Stream(io.TextIOBase):
         self.name, self.shell, self.parts, self.sent, self.left = name, shell, [], 0.0, PRINTED
 
     def write(self, text):
-        text = str(text)
+        text, other = str(text), sys.stderr if self is sys.stdout else sys.stdout
+        other.flush()  # what was printed before comes before
         if self.left > 0:
             more = "\n... more is not shown\n" if len(text) > self.left else ""
             self.parts.append(text[: self.left] + more)

@@ -149,7 +149,7 @@ def test_a_page_that_nobody_clicks_on_costs_two_kilobytes(new):
 
 
 def test_cells_print_what_the_page_shows(chapter):
-    for words in ("against the next guess", "A, B, end = 0, 1, 2", "first_updates(sarsa, cliff"):
+    for words in ("against the next guess", "sum of squares", "first_updates(sarsa, cliff"):
         n = chapter.find(words)
         stored = chapter.text(n)
         assert chapter.press(n, "Edit and run").startswith("Done in"), chapter.text(n)
@@ -174,7 +174,7 @@ def test_a_changed_cell_shows_its_own_numbers_and_figures(chapter):
 
 
 def test_an_edit_above_reaches_what_builds_on_it(chapter):
-    above, n = opened(chapter, "against the next guess"), opened(chapter, "A, B, end = 0, 1, 2")
+    above, n = opened(chapter, "against the next guess"), opened(chapter, "sum of squares")
     chapter.write(n, "print(mark + 1)")
     for mark in (1, 2):
         chapter.write(above, f"mark = {mark}")

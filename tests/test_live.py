@@ -1,0 +1,196 @@
+"""Live pages without a browser: which cells a cell builds on, what a run shows, what is refused by its hash."""
+
+import itertools
+import json
+import subprocess
+import sys
+import zipfile
+
+import pytest
+from conftest import ROOT
+
+sys.path.insert(0, str(ROOT / "book" / "_live"))
+import fetch  # noqa: E402
+import needs  # noqa: E402
+import shell  # noqa: E402
+
+NOTEBOOKS = sorted(ROOT.glob("book/0*.ipynb"))
+
+
+@pytest.mark.parametrize(
+    ("sources", "needed"),
+    [
+        (["a = 1", "b = 2", "print(a)"], [0]),
+        (["a = 1", "a = 2", "print(a)"], [1]),  # the last that binds it
+        (["a = []", "a.append(1)", "print(a)"], [0, 1]),  # and what changes it
+        (["a = [1]", "a[0] = 2", "b = a"], [0, 1]),
+        (["a = 1", "a += 1", "print(a)"], [0, 1]),
+        (["a = 1", "a = a + 1", "print(a)"], [0, 1]),
+        (["a = [2, 1]", "print(a)", "print(a)"], [0]),  # to print changes nothing
+        (["net = make()", "train(net)", "print(net)"], [0, 1]),  # a call for its effect does
+        (["net = make()", "net.step()", "print(net)"], [0, 1]),
+        (["net = make()", "net.w.x[2] = 1", "print(net)"], [0, 1]),
+        (["rng = default_rng(0)", "rng.normal()", "x = rng.normal()"], [0, 1]),  # every use of a generator
+        (["rng, n = np.random.default_rng(0), 3", "x = f(rng)", "y = f(rng)"], [0, 1]),
+        (["import numpy as np", "f = lambda x: np.sin(x)", "print(f(1))"], [0, 1]),  # what its function reads, too
+        (["a = 1", "def f():\n    return a", "f()"], [0, 1]),
+        (["a = 1", "def f(a):\n    return a", "f(2)"], [1]),
+        (["x = 1", "y = 2", "print([x for x in range(3)], y)"], [1]),
+        (["x = 1", "x = 2\nprint(x)", "y = 3"], []),
+        (["A = 1", "B = (", "print(B)"], [1]),  # in error: it binds what it seems to
+        (["def g(:\n    pass", "g()", "g()"], [0]),
+    ],
+)
+def test_a_cell_needs_what_made_and_changed_its_names(sources, needed):
+    assert needs.analyse(sources)[0][-1] == needed
+
+
+class Page:
+    def __init__(self, *sources):
+        self.sources, self.outputs = list(sources), []
+        self.shell = shell.Shell(lambda text: self.outputs.append(json.loads(text)))
+
+    def click(self, n):
+        """The cells that ran, and what the last printed."""
+        plan = self.shell.plan(self.sources, n)
+        for cell in plan:
+            self.outputs.clear()
+            if not self.shell.run(self.sources, cell):
+                break
+        return plan, "".join(output.get("text", "") for output in self.outputs)
+
+
+def test_what_is_there_is_not_made_again():
+    page = Page("a = 1", "b = a + 1", "print(b)")
+    assert page.click(2) == ([0, 1, 2], "2\n")
+    assert page.click(2) == ([2], "2\n")
+    page.sources[0] = "a = 5"
+    assert page.click(2) == ([0, 1, 2], "6\n")
+    page.sources[1] = "b = 7"
+    assert page.click(2) == ([1, 2], "7\n")
+
+
+def test_the_order_of_clicks_changes_no_result():
+    page = Page("rng = default_rng(0)", "x = rng.integers(1000)\nprint(x)", "y = rng.integers(1000)\nprint(y)")
+    page.sources[0] = "from numpy.random import default_rng\n" + page.sources[0]
+    first, second = page.click(1)[1], page.click(2)[1]
+    assert first != second
+    for n in (2, 1, 1, 2, 2, 1):
+        assert page.click(n)[1] == (first if n == 1 else second)
+
+
+def test_a_list_that_a_cell_extends_is_made_anew():
+    page = Page("a = [0]", "a.append(1)\nprint(a)", "a.append(2)\nprint(a)")
+    for n in (2, 1, 2, 2, 1):
+        assert page.click(n)[1] == ("[0, 1]\n" if n == 1 else "[0, 1, 2]\n")
+
+
+def test_a_name_bound_twice_is_what_it_is_above():
+    page = Page("a = 1", "print(a)", "a = 2", "print(a)")
+    assert [page.click(n)[1] for n in (3, 1, 3, 1)] == ["2\n", "1\n", "2\n", "1\n"]
+
+
+def test_a_cell_in_error_runs_again():
+    page = Page("a = 1 / 0", "print(a)")
+    plan, said = page.click(1)
+    assert plan == [0, 1] and said.startswith("Traceback") and "<cell 1>" in said and "shell.py" not in said
+    page.sources[0] = "a = 1"
+    assert page.click(1) == ([0, 1], "1\n")
+
+
+def test_what_a_cell_shows():
+    page = Page("import sys\nprint('out')\nprint('err', file=sys.stderr)\n{'a': 1}", "None", "display(1)\n2")
+    page.click(0)
+    kinds = [output.get("name", output["type"]) for output in page.outputs]
+    assert [kind for kind, _ in itertools.groupby(kinds)] == ["stdout", "stderr", "display"]
+    assert page.outputs[-1]["data"] == {"text/plain": "{'a': 1}"}
+    page.click(1)
+    assert page.outputs == []
+    page.click(2)
+    assert [o["data"]["text/plain"] for o in page.outputs] == ["1", "2"]
+
+
+def test_a_verdict_and_an_explorer_show_themselves():
+    page = Page(
+        "from rlcore.exercises import check\ncheck('ch04-edge-by-hand', ...)",
+        "from rlcore.explore import explore\nfrom rlcore import plots\n"
+        "import matplotlib.pyplot as plt\nexplore(lambda n: plt.figure(), title='T', n=[1, 2])",
+        "import matplotlib.pyplot as plt\nfig, ax = plt.subplots()",
+    )
+    page.click(0)
+    assert page.outputs[0]["data"]["text/plain"].startswith("not attempted")
+    page.click(1)
+    assert 'class="explore"' in page.outputs[0]["data"]["text/html"]
+    assert not any("widget" in kind for kind in page.outputs[0]["data"])
+    page.click(2)
+    assert [sorted(o["data"]) for o in page.outputs] == [["image/png", "text/plain"]]
+
+
+def test_endless_printing_is_cut():
+    page = Page("for i in range(100_000):\n    print('x' * 10)")
+    said = page.click(0)[1]
+    assert shell.PRINTED < len(said) < shell.PRINTED + 100 and said.endswith("... more is not shown\n")
+    assert len(page.outputs) < 1000
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_every_name_that_a_cell_reads_is_made_above(path):
+    """So that no click can end in a NameError."""
+    cells = [c for c in json.loads(path.read_text(encoding="utf-8"))["cells"] if c["cell_type"] == "code"]
+    sources, made = ["".join(cell["source"]) for cell in cells], set()
+    for source in sources:
+        read, bound, _, _ = needs.facts(source)
+        assert read <= made | bound | {"display"}, source
+        made |= bound
+
+
+def test_a_package_is_fetched_when_it_is_first_imported(tmp_path, monkeypatch):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
+        file.writestr("mine_of_old/__init__.py", "value = 3")
+    data, asked = (tmp_path / "a.zip").read_bytes(), []
+    monkeypatch.setattr(shell, "SITE", str(tmp_path / "site"))
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    found = shell.Late({"mine_of_old": "a"}, {"a.zip": fetch.digest(data)}, lambda name: asked.append(name) or data)
+    monkeypatch.setattr(sys, "meta_path", [found, *sys.meta_path])
+    import json.tool  # noqa: F401
+
+    assert asked == []
+    import mine_of_old
+
+    assert mine_of_old.value == 3 and asked == ["a.zip"]
+    other = shell.Late({"x": "a"}, {"a.zip": "0" * 64}, lambda name: data)
+    with pytest.raises(ImportError, match=r"the file a\.zip is not the one that this book names"):
+        other.find_spec("x")
+
+
+def test_a_file_counts_by_its_hash_wherever_it_comes_from(tmp_path, monkeypatch):
+    entry = {"from": "pyodide 1.0", "sha256": fetch.digest(b"right")}
+    monkeypatch.setattr(fetch, "FILES", tmp_path / "none")
+    monkeypatch.setitem(fetch.SOURCES, "pyodide", (lambda version, name: b"wrong", lambda version, name: b"right"))
+    assert fetch.get("a.zip", entry) == b"right"
+    monkeypatch.setitem(fetch.SOURCES, "pyodide", (lambda version, name: b"wrong", lambda version, name: 1 / 0))
+    with pytest.raises(SystemExit, match=r"a\.zip: not to be had \(.*another file, by its hash; .*ZeroDivisionError"):
+        fetch.get("a.zip", entry)
+    (tmp_path / "a.zip").write_bytes(b"right")
+    monkeypatch.setenv("LIVE_FILES", str(tmp_path))
+    assert fetch.get("a.zip", entry) == b"right"
+
+
+def test_the_lock_names_all_that_is_packed():
+    lock = json.loads((ROOT / "book" / "_live" / "lock.json").read_text(encoding="utf-8"))
+    for packages in fetch.ARCHIVES.values():
+        for name in packages:
+            assert len(list(fetch.wheels(lock, name))) == 1, name
+    assert set(fetch.CORE) <= set(lock["files"])
+    for name in fetch.NPM:
+        assert {f"{fetch.slug(name)}.js", f"{fetch.slug(name)}.licence"} <= set(lock["files"])
+    assert all(len(entry["sha256"]) == 64 for entry in lock["files"].values())
+    pinned = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    assert all(f"{e['from'].split()[1]} " in pinned for e in lock["files"].values() if e["from"].startswith("pypi"))
+
+
+def test_the_book_without_live_files_says_what_to_do(tmp_path):
+    code = "import live, pathlib; live.FETCHED = pathlib.Path('nowhere'); "
+    code += "app = type('App', (), {'config': type('Config', (), {'live': True})}); live.prepare(app)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT / "book" / "_live", capture_output=True, text=True)
+    assert "run `make live`" in done.stderr
