@@ -27,6 +27,19 @@ def names(node):
     ), bound
 
 
+def steps(node):
+    """A statement as the parts that run one after the other: a loop's head, its name, its body."""
+    if not isinstance(node, (ast.For, ast.While, ast.With)):
+        return [node]
+    heads = (
+        [(i.context_expr, i.optional_vars) for i in node.items]
+        if isinstance(node, ast.With)
+        else ([(node.iter, node.target)] if isinstance(node, ast.For) else [(node.test, None)])
+    )
+    parts = [ast.Assign([name], head, lineno=0) if name else ast.Expr(head) for head, name in heads]
+    return parts + [part for child in [*node.body, *getattr(node, "orelse", [])] for part in steps(child)]
+
+
 def root(node):
     while isinstance(node, (ast.Subscript, ast.Attribute)):
         node = node.value
@@ -65,38 +78,42 @@ def generators(tree):
 
 @cache
 def facts(source):
-    """(names read from above, names bound, names changed in place, generators made)."""
+    """(names read from above, names bound, names changed in place, generators made, names imported)."""
     try:
         tree = ast.parse(source)
     except SyntaxError:  # it binds what it seems to, so that what builds on it meets the error
-        return set(), {a or b for a, b in re.findall(r"^(?:(?:def|class) +(\w+)|(\w+) *=)", source, re.M)}, set(), set()
-    above, bound = set(), set(dir(builtins))
-    for read, made in map(names, tree.body):
-        above |= read - bound
+        return set(), {a or b for a, b in re.findall(r"^(?:(?:def|class) +(\w+)|(\w+) *=)", source, re.M)}, *[set()] * 3
+    above, bound, sure = set(), set(), set(dir(builtins))
+    for part in (part for statement in tree.body for part in steps(statement)):
+        read, made = names(part)
+        above |= read - sure
         bound |= made
-    return above, bound - set(dir(builtins)), changes(tree), generators(tree)
+        sure |= set() if isinstance(part, (ast.If, ast.Try)) else made
+    imported = {name for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom)) for name in names(node)[1]}
+    return above, bound, changes(tree), generators(tree), imported
 
 
 def own(source):
     """Names that a cell makes, not those that it only goes on with."""
-    above, bound, places, _ = facts(source)
+    above, bound, places, *_ = facts(source)
     return bound - (above & places)
 
 
 def analyse(sources):
     """For each cell: the cells that it needs, in order, and the cells whose values it changes."""
-    known, needs, changed = set(), [], []
-    for i, (above, _, places, made) in enumerate(map(facts, sources)):
+    known, modules, needs, changed = set(), set(), [], []
+    for i, (above, _, places, made, imported) in enumerate(map(facts, sources)):
         known |= made
+        modules |= imported
         mine, mutated = set(), set()
         for name in above:
             makers = [j for j in range(i) if name in own(sources[j])]
-            if not makers:
+            mine |= set(makers[-1:])
+            if not makers or name in modules:
                 continue
-            mine.add(makers[-1])
             mutated |= {makers[-1]} if name in places | known else set()
             for j in range(makers[-1] + 1, i):
-                read, _, there, _ = facts(sources[j])
+                read, _, there, *_ = facts(sources[j])
                 mine |= {j} if name in there or name in known & read else set()
         needs.append(sorted(mine.union(*(needs[j] for j in mine))))
         changed.append(mutated)
