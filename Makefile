@@ -15,7 +15,7 @@ NOTEBOOKS := $(wildcard book/*.ipynb book/record/*.ipynb)
 
 export LIVE  # 1: a book whose cells run in the reader's browser, with the files of `make live`
 
-.PHONY: book html live test test-all check pages notebooks lab outputs clean install lock mutation rows wheel
+.PHONY: book html live test-live test test-all check pages notebooks lab outputs clean install lock mutation rows wheel
 
 install: $(STAMP)
 
@@ -48,6 +48,12 @@ html: $(STAMP)
 live: $(STAMP)
 	@$(BIN)/python book/_live/fetch.py
 	@$(MAKE) --no-print-directory book LIVE=1
+
+# every cell and every exercise in the page, in Chromium (an hour)
+test-live: live
+	@.ci/browser
+	@$(BIN)/python tests/live.py
+	@$(RUN) live
 
 test: $(STAMP)
 	@.ci/browser

@@ -56,6 +56,7 @@ GROUPS = {  # name: (what it is, commands, environment)
     "html": ("the book is built", [[str(BIN / "jupyter-book"), "build", ".", "-W", "-n", "--keep-going"]], {}),
     "pages": ("built pages", [pytest("--dist", "loadgroup", "-m", "(pages or built) and not slow")], {}),
     "slow": ("built pages, the slower part", [pytest("--dist", "loadgroup", "-m", "pages and slow")], {}),
+    "live": ("cells and exercises in the page", [pytest("--dist", "loadgroup", "tests/pages/test_live.py")], {}),
     "wheel": ("the package, installed alone", [[sys.executable, "tests/release.py"]], {}),
 }
 

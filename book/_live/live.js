@@ -40,6 +40,7 @@ function button(bar, text, action) {
 function build(n) {
   const cell = cells[n], input = cell.querySelector(".cell_input"), bar = cell.querySelector(".live-bar");
   const holder = Object.assign(document.createElement("div"), { className: "live-editor" });
+  holder.addEventListener("keydown", (event) => event.stopPropagation()); // "/" is a slash here, not the page's search
   [...input.children].forEach((child) => { child.hidden = true; });
   input.append(holder);
   const go = () => (run(n), true);

@@ -24,6 +24,7 @@ CHAPTER, EXERCISES = "book/04_temporal_difference.html", "book/exercises/04_temp
 LIVE_PAGES = [page for page in PAGES if re.match(r"book/(0\d_|exercises/)", page)]
 ENDED = r"/^(Done|Ended|Stopped|Python|A cell|Another|The editor)/"
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21aa", "wcag22aa"]}
+OPEN = {"include": [["div.cell:has(.cm-content)"], [".live-bar"]]}
 VERDICTS = """
 import json
 from rlcore.exercises import CHAPTERS
@@ -212,12 +213,15 @@ def test_an_endless_loop_is_stopped_and_python_starts_again(chapter):
 
 def test_the_keyboard_and_every_width_and_colour(chapter):
     n = opened(chapter, "against the next guess")
-    chapter.cell(n).query_selector(".cm-content").focus()
+    chapter.write(n, "")
+    chapter.tab.keyboard.type("print(1 / 4, 'a?b')")
+    chapter.tab.keyboard.press("Shift+Enter")
+    assert chapter.ended(n).startswith("Done") and chapter.text(n) == "0.25 a?b"
     chapter.tab.keyboard.press("Tab")
     assert chapter.tab.evaluate("document.activeElement.textContent") == "Run"
     for scheme in ("light", "dark"):
         chapter.tab.evaluate("s => { document.documentElement.dataset.theme = s }", scheme)
-        found = Axe().run(chapter.tab, options=RULES).response["violations"]
+        found = Axe().run(chapter.tab, context=OPEN, options=RULES).response["violations"]
         assert [(v["id"], [node["target"] for node in v["nodes"]]) for v in found] == []
     chapter.tab.evaluate("document.documentElement.dataset.theme = 'light'")
     chapter.tab.set_viewport_size({"width": 360, "height": 800})
@@ -283,7 +287,8 @@ def test_hints_and_the_solution_unfold(exercises):
     exercises.answer(n, "chances = 1")
     opened = """check => {
         let open = 0;
-        for (let part = check.nextElementSibling; part?.matches("details"); part = part.nextElementSibling) open += part.open;
+        for (let one = check.nextElementSibling; one?.matches("details"); one = one.nextElementSibling)
+            open += one.open;
         return open;
     }"""
     before = exercises.cell(n + 1).evaluate(opened)
@@ -300,7 +305,7 @@ def test_hints_and_the_solution_unfold(exercises):
 def test_a_file_that_is_not_the_right_one_is_named(new, name, how):
     if (name, how) == ("rlcore.zip", "changed"):
         pytest.skip("our own file, beside the page: whoever changes it can change the page")
-    one = new(CHAPTER)
+    one = new(CHAPTER, service_workers="block")  # whose requests no test can change
     body = {"missing": {"status": 404, "body": ""}, "changed": {"status": 200, "body": "something else"}}[how]
     one.tab.route(re.compile(rf"/{re.escape(name)}$"), lambda route: route.fulfill(**body))
     n = one.open().find("against the next guess")
@@ -312,7 +317,7 @@ def test_a_file_that_is_not_the_right_one_is_named(new, name, how):
 
 @pytest.mark.parametrize("name", ["live.js", "codemirror-view.js"])
 def test_without_the_editor_the_page_stays_as_it_is(new, name):
-    one = new(CHAPTER)
+    one = new(CHAPTER, service_workers="block")
     one.tab.route(re.compile(rf"/{name}$"), lambda route: route.fulfill(status=404, body=""))
     n = one.open().find("against the next guess")
     stored = one.text(n)
