@@ -114,6 +114,7 @@ LEFT_OUT = {
     "envs": "gathers what its modules define",
     "exercises": "loads the chapters, no more",
     "exercises.__main__": "runs notebooks in kernels of their own, many seconds each time",
+    "exercises.*_steps": "declarations; the tests of exercises put the answers in place of one another",
     "exercises.ch*": "declarations; the tests of exercises put the answers in place of one another",
     "plots": "finds the figures by name",
     "plots.*": "pictures are looked at; what they show is computed elsewhere",

@@ -374,7 +374,7 @@ ADVERSARIAL = {  # answers that the cases of an exercise once let through
     ),
     "ch03-improvement-ties": ({"1e-9": "1e-2"}, {"1e-9": "1e-8"}),
     "ch05-three-traces": ({"0.75": "0.25"},),
-    "ch03-two-sweeps-by-hand": ({"max(7, 2 + 0.5 * 6)": "max(7, 2 + 6)"},),
+    "ch03-two-sweeps-by-hand": ({"max(7.5, 2 + 0.5 * 6)": "max(7.5, 2 + 6)"},),
     "ch08-adaptive-beta": ({"d < d_target": "d <= d_target"}, {"d > 1.5": "d >= 1.5"}),
     "ch01-predict-pole": ({"-(0.8**4) / (1 - 0.8**5)": "-0.61"},),
     "ch08-predict-distances": ({"(kl(0, 1), kl(6, 7))": "(kl(0, 1), 0.0010)"},),

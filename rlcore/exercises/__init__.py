@@ -6,8 +6,10 @@ import pkgutil
 from rlcore.exercises.engine import (
     EXERCISES,
     KINDS,
+    TIERS,
     Case,
     Exercise,
+    Proof,
     Question,
     Verdict,
     Wrong,
@@ -16,16 +18,21 @@ from rlcore.exercises.engine import (
     solution,
 )
 
-CHAPTERS = {}
-for _module in sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name.startswith("ch")):
-    CHAPTERS[_module] = importlib.import_module(f"rlcore.exercises.{_module}")
+_modules = sorted(m.name for m in pkgutil.iter_modules(__path__))
+CHAPTERS = {name: importlib.import_module(f"{__name__}.{name}") for name in _modules if name.startswith("ch")}
+BUILDS = {name: importlib.import_module(f"{__name__}.{name}") for name in _modules if name.endswith("_steps")}
+PAGES = {**CHAPTERS, **BUILDS}
 
 __all__ = [
+    "BUILDS",
     "CHAPTERS",
     "EXERCISES",
     "KINDS",
+    "PAGES",
+    "TIERS",
     "Case",
     "Exercise",
+    "Proof",
     "Question",
     "Verdict",
     "Wrong",

@@ -14,8 +14,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from rlcore.core.extras import extra
-from rlcore.exercises import CHAPTERS, EXERCISES
-from rlcore.exercises.notebook import write
+from rlcore.exercises import EXERCISES, PAGES
+from rlcore.exercises.notebook import page_of, write
 
 STATUS = ("passed", "failed", "error", "not attempted", "missing")
 TIME_LIMIT = 900  # seconds for one cell
@@ -33,7 +33,7 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     if options.write:
         try:
-            paths = write(CHAPTERS, options.write, force=options.force)
+            paths = write(PAGES, options.write, force=options.force)
         except FileExistsError as error:
             print(error, file=sys.stderr)
             return 2
@@ -101,16 +101,16 @@ def _checked(source):
     try:
         calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call) and node.args]
     except (SyntaxError, ValueError):
-        return re.findall(r"^[^#\n]*check\(\s*[\"'](ch\d\d-[a-z0-9-]+)", source, re.M)
+        return re.findall(r"^[^#\n]*check\(\s*[\"']([a-z0-9]+-[a-z0-9-]+)", source, re.M)
     named = [c.args[0] for c in calls if getattr(c.func, "id", getattr(c.func, "attr", "")) == "check"]
     return [node.value for node in named if isinstance(node, ast.Constant) and node.value in EXERCISES]
 
 
 def _expected(path, asked):
-    """The exercises of the notebook's chapter, told by its name or by what it checks; and others that it checks."""
-    chapters = {name[:4] for name, module in CHAPTERS.items() if module.NOTEBOOK in path.stem}
-    chapters = chapters or {id[:4] for id in asked}
-    return [id for id in EXERCISES if id in asked or id[:4] in chapters]
+    """The exercises of the notebook's page, told by its name or by what it checks; and others that it checks."""
+    pages = {page_of(module) for module in PAGES.values() if module.NOTEBOOK in path.stem}
+    pages = pages or {id.partition("-")[0] for id in asked}
+    return [id for id in EXERCISES if id in asked or id.partition("-")[0] in pages]
 
 
 def _short(error):

@@ -12,22 +12,24 @@ NOTEBOOK = "01_mdp"
 Exercise(
     id="ch01-return-by-hand",
     kind="by hand",
+    tier="core",
+    section="A return contains the next return",
     title="One return with pencil and paper",
     statement=r"""
-        An episode pays $R_1 = 3$, $R_2 = 1$, $R_3 = -4$, $R_4 = 24$ and ends. With $\gamma = 0.5$, what is $G_0$
+        An episode pays $R_1 = 3$, $R_2 = 2$, $R_3 = -4$, $R_4 = 24$ and ends. With $\gamma = 0.5$, what is $G_0$
         ({eq}`eq-7`)? Bind the number to `G0`.
     """,
     stub="G0 = ...",
-    cases=lambda rng: [Case({}, float(discounted_returns([3, 1, -4, 24], 0.5)[0]))],
+    cases=lambda rng: [Case({}, float(discounted_returns([3, 2, -4, 24], 0.5)[0]))],
     hints=(
         "The first reward counts in full; each later one is halved once more than the one before.",
-        "The four terms are $3$, $1/2$, $-4/4$ and $24/8$.",
+        "The four terms are $3$, $2/2$, $-4/4$ and $24/8$.",
     ),
-    solution="G0 = 3 + 0.5 * 1 + 0.25 * -4 + 0.125 * 24",
+    solution="G0 = 3 + 0.5 * 2 + 0.25 * -4 + 0.125 * 24",
     wrong=(
-        Wrong("G0 = 3 + 1 - 4 + 24", "gamma is missing: this is the plain sum of the rewards"),
+        Wrong("G0 = 3 + 2 - 4 + 24", "gamma is missing: this is the plain sum of the rewards"),
         Wrong(
-            "G0 = 0.5 * 3 + 0.25 * 1 + 0.125 * -4 + 0.0625 * 24",
+            "G0 = 0.5 * 3 + 0.25 * 2 + 0.125 * -4 + 0.0625 * 24",
             "the first reward is discounted already: R_1 counts with gamma to the power 0",
         ),
         Wrong(
@@ -42,6 +44,8 @@ Exercise(
 Exercise(
     id="ch01-backward-returns",
     kind="fill in",
+    tier="core",
+    section="A return contains the next return",
     title="All returns in one backward pass",
     statement=r"""
         Fill in the recursion {eq}`eq-8`. `rewards[t]` is $R_{t+1}$; return $G_0, \dots, G_{T-1}$ as an array of the same
@@ -131,6 +135,8 @@ def _arrays(mdp, *names):
 Exercise(
     id="ch01-expected-reward",
     kind="fill in",
+    tier="core",
+    section="The dynamics in one function",
     title="Expected reward of a pair",
     statement=r"""
         Write equation {eq}`eq-4`: from the outcome arrays `prob` and `reward`, both `(S, A, K)`, compute $r(s, a)$ as an
@@ -186,10 +192,12 @@ def _doubled(rng):
 Exercise(
     id="ch01-bug-transitions",
     kind="find the bug",
+    tier="more",
+    section="The dynamics in one function",
     title="Probabilities that get lost",
     statement=r"""
-        This function should compute $p(s' \mid s, a)$ as `(S, A, S)` (equation {eq}`eq-3`). It runs, and for many processes
-        its result is right. Two outcomes of a pair may lead to the same $s'$ with different rewards; then its rows do not
+        This function should compute $p(s' \mid s, a)$ as `(S, A, S)` (equation {eq}`eq-3`) from the outcome arrays `prob` and
+        `next_state`, both `(S, A, K)`. It runs, and for many processes its result is right. Two outcomes of a pair may lead to the same $s'$ with different rewards; then its rows do not
         sum to 1. Find the line and mend it.
     """,
     stub="""
@@ -245,6 +253,8 @@ Exercise(
 Exercise(
     id="ch01-predict-pole",
     kind="predict",
+    tier="core",
+    section="One task, two returns",
     title="A pole that falls for ever",
     statement=r"""
         In the continuing form of pole balancing the reward is $-1$ on a failing step and 0 on all others. A policy fails on
@@ -283,6 +293,8 @@ def _ferry(p=0.75):
 Exercise(
     id="ch01-build-ferry",
     kind="build",
+    tier="more",
+    section="The dynamics in one function",
     title="A ferry from its description",
     statement="""
         Build this process with `FiniteMDP.from_outcomes` and return it. States: 0 home bank, 1 middle of the river, 2 far
@@ -333,6 +345,8 @@ Exercise(
 Exercise(
     id="ch01-claim-bounded",
     kind="experiment",
+    tier="more",
+    section="What discounting does",
     title="Must rewards be bounded?",
     statement=r"""
         The document says that with $\gamma < 1$ the infinite return is finite *only if* the rewards are bounded. Test it with
@@ -386,9 +400,11 @@ def _first_visit(episodes, gamma, S):
 Exercise(
     id="ch01-first-visit",
     kind="fill in",
+    tier="deep",
+    section="Why averages converge, and how fast",
     title="First-visit Monte Carlo from recorded episodes",
     statement=r"""
-        Estimate $v_\pi$ by averaging returns ({eq}`eq-10`). `episodes` is a list of pairs `(states, rewards)`:
+        Estimate $v_\pi$ by averaging returns ({eq}`eq-10`). `episodes` is a list of pairs of arrays `(states, rewards)`:
         `rewards[t]` is the reward that followed `states[t]`, and the episode ends after the last one. For each state,
         average the return that followed its **first** visit in every episode in which it occurs. States that never occur
         get 0. Return an array `(S,)`.
@@ -403,7 +419,7 @@ Exercise(
         for e in [list(_episodes(rng, n, S))]
     ],
     hints=(
-        "Compute all returns of an episode in one backward pass, as in exercise 2.",
+        "Compute all returns of an episode in one backward pass, as in *All returns in one backward pass*.",
         "Go through the steps in order and skip a state that this episode has met before.",
         "Keep a sum and a count per state; divide at the end, and only where the count is not 0.",
     ),

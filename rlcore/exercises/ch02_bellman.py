@@ -35,6 +35,8 @@ def _arrays(mdp, *names):
 Exercise(
     id="ch02-backup-by-hand",
     kind="by hand",
+    tier="core",
+    section="The Bellman equation",
     title="One backup with pencil and paper",
     statement=r"""
         In state $s$ a policy goes left with probability 0.25 and right with 0.75. Left pays 4 and leads to a state of value
@@ -63,6 +65,8 @@ Exercise(
 Exercise(
     id="ch02-q-from-v",
     kind="fill in",
+    tier="core",
+    section="The same for action values",
     title="Action values from state values",
     statement=r"""
         Write the one-step lookahead {eq}`eq-15`: given the values `V` of all states, return
@@ -125,6 +129,8 @@ Exercise(
 Exercise(
     id="ch02-expectation-backup",
     kind="fill in",
+    tier="core",
+    section="The Bellman equation",
     title="The Bellman equation as a function",
     statement=r"""
         Write the right-hand side of {eq}`eq-12` for all states at once and return it as `(S,)`. `pi` is `(S, A)`, the outcome
@@ -147,7 +153,7 @@ Exercise(
     ],
     hints=(
         "Set the terminal values to 0 in a copy first: `V = np.where(terminal, 0.0, V)`.",
-        "Then compute the action values as in the exercise before, and average them with `pi` over the actions.",
+        "Then compute the action values as in *Action values from state values*, and average them with `pi` over the actions.",
     ),
     solution="""
         def backup(pi, prob, reward, next_state, terminal, V, gamma):
@@ -200,6 +206,8 @@ def _chain_of_policy(rng, S):
 Exercise(
     id="ch02-solve-exactly",
     kind="fill in",
+    tier="core",
+    section="The inverse exists",
     title="The value of a policy without iteration",
     statement=r"""
         For a fixed policy the Bellman equation is linear: $v = r + \gamma P v$, with $P$ `(S, S)` the transition matrix of the
@@ -255,7 +263,7 @@ def _with_illegal(rng):
     """All values below 0, so that an action that is not there looks best."""
     for _ in range(2):
         Q = -1 - rng.random((3, 3)).round(2)
-        legal = np.array([[True, True, False], [True, False, False], [False, True, True]])
+        legal = np.array([[True, True, False], [True, False, False], [True, True, True]])
         next_state = rng.integers(3, size=(3, 3, 2))
         prob = np.where(legal[:, :, None], rng.dirichlet(np.ones(2), size=(3, 3)), 0.0)
         reward = np.where(prob > 0, -rng.random((3, 3, 2)).round(2), 0.0)
@@ -266,10 +274,13 @@ def _with_illegal(rng):
 Exercise(
     id="ch02-bug-illegal",
     kind="find the bug",
+    tier="more",
+    section="Why acting greedily on optimal values is optimal",
     title="An action that is not there",
     statement=r"""
-        This is the Bellman optimality equation {eq}`eq-17`. `Q` is `(S, A)` and holds 0 where an action does not exist;
-        `legal` `(S, A)` says which do. All values of this process are negative. The function runs, and its values
+        This is the Bellman optimality equation {eq}`eq-17`. From `Q` `(S, A)`, which holds 0 where an action does
+        not exist, and `legal` `(S, A)`, which says where one does, it computes the right side for every pair, `(S, A)`; the
+        outcome arrays are `(S, A, K)`. All values of this process are negative. The function runs, and its values
         creep upwards. Find the reason and mend it. (What it returns for actions that do not exist does not matter: leave 0.)
     """,
     stub="""
@@ -327,6 +338,8 @@ def _shared(Q):
 Exercise(
     id="ch02-greedy-ties",
     kind="fill in",
+    tier="more",
+    section="Looking further ahead",
     title="A greedy policy that shares ties",
     statement=r"""
         Any policy that gives probability to maximising actions only is optimal if `Q` is $q_*$. Return the policy `(S, A)`
@@ -390,6 +403,8 @@ Exercise(
 Exercise(
     id="ch02-predict-depth",
     kind="predict",
+    tier="more",
+    section="Looking further ahead",
     title="How deep must the search go?",
     statement=r"""
         A search of depth $d$ uses estimates at its leaves that are wrong by at most 10. With $\gamma = 0.9$, the value at the
@@ -427,6 +442,8 @@ def _machine(wear, cost):
 Exercise(
     id="ch02-build-machine",
     kind="build",
+    tier="more",
+    section="The inverse exists",
     title="A machine that wears out",
     statement="""
         Build this process with `FiniteMDP.from_outcomes` and return it. States: 0 good, 1 worn, 2 broken. Actions: 0 run,
@@ -487,6 +504,8 @@ def _printed_q():
 Exercise(
     id="ch02-claim-eq-17",
     kind="experiment",
+    tier="deep",
+    section="Why acting greedily on optimal values is optimal",
     title="Does the first line of (17) hold?",
     statement=r"""
         The document writes $q_*(s, a) = \mathbb E[R_{t+1} + \gamma G_{t+1} \mid S_t = s, A_t = a]$. Test it on the recycling

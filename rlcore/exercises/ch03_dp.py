@@ -19,32 +19,34 @@ def _arrays(mdp, *names):
 Exercise(
     id="ch03-two-sweeps-by-hand",
     kind="by hand",
+    tier="core",
+    section="Policy evaluation: what is this policy worth?",
     title="Two sweeps with pencil and paper",
     statement=r"""
-        From $x$ you may stop for a reward of 7, which ends the episode, or go on to $y$ for a reward of 2. From $y$ the only
+        From $x$ you may stop for a reward of 7.5, which ends the episode, or go on to $y$ for a reward of 2. From $y$ the only
         action returns to $x$ and pays 6. $\gamma = 0.5$. Value iteration starts at $V_0 = 0$ and computes $V_1$ and
         $V_2$ with two arrays. What is $V_2(x)$? And what is $v_*(x)$? Bind `answer` to the pair `(V2, v_star)`.
     """,
     stub="answer = ...",
-    cases=lambda rng: [Case({}, (7.0, 7.0))],
+    cases=lambda rng: [Case({}, (7.5, 7.5))],
     hints=(
-        "$V_1(x) = \\max(7, 2) = 7$ and $V_1(y) = 6$. Repeat with these values on the right.",
-        "$V_2(x) = \\max(7, 2 + 0.5 \\cdot 6)$. For $v_*$, see whether going round for ever beats 7.",
+        "$V_1(x) = \\max(7.5, 2) = 7.5$ and $V_1(y) = 6$. Repeat with these values on the right.",
+        "$V_2(x) = \\max(7.5, 2 + 0.5 \\cdot 6)$. For $v_*$, see whether going round for ever beats 7.5.",
     ),
     solution="""
-        V2 = max(7, 2 + 0.5 * 6)
-        v_star = max(7, 2 + 0.5 * (6 + 0.5 * 7))
+        V2 = max(7.5, 2 + 0.5 * 6)
+        v_star = max(7.5, 2 + 0.5 * (6 + 0.5 * 7.5))
         answer = (float(V2), float(v_star))
     """,
     wrong=(
         Wrong(
-            "answer = (7.0, 8.0)",
+            "answer = (7.5, 8.0)",
             "v_*(x) = 8 would need going round to be worth more than stopping: 2 + 0.5 (6 + 0.5 * 8) is 7, not 8",
         ),
-        Wrong("answer = (5.0, 7.0)", "this V_2 goes on; stopping pays 7, and value iteration takes the larger"),
-        Wrong("answer = (8.0, 7.0)", "gamma is missing from V_2: going on is worth 2 + 0.5 * 6"),
+        Wrong("answer = (5.0, 7.5)", "this V_2 goes on; stopping pays 7.5, and value iteration takes the larger"),
+        Wrong("answer = (8.0, 7.5)", "gamma is missing from V_2: going on is worth 2 + 0.5 * 6"),
         Wrong(
-            "answer = (7.0, 6.75)", "6.75 is the value of going on once and then stopping; stopping at once is better"
+            "answer = (7.5, 6.875)", "6.875 is the value of going on once and then stopping; stopping at once is better"
         ),
     ),
     minutes=4,
@@ -63,6 +65,8 @@ MODEL = ("prob", "reward", "next_state", "terminal")
 Exercise(
     id="ch03-value-iteration",
     kind="fill in",
+    tier="core",
+    section="How fast, and when to stop",
     title="Value iteration, whole",
     statement=r"""
         Write value iteration ({ref}`the update <eq-u-value-iteration>`) with two arrays: start at $V = 0$, sweep until no
@@ -154,10 +158,12 @@ def _in_place(m, pi, V, gamma):
 Exercise(
     id="ch03-in-place-sweep",
     kind="fill in",
+    tier="core",
+    section="Policy evaluation: what is this policy worth?",
     title="One sweep in place",
     statement=r"""
         Do one sweep of policy evaluation **in place**: states in order 0, 1, 2, ..., each using the values that this sweep has
-        already computed. Skip terminal states: their values stay. Start from a copy of `V` and return it.
+        already computed. `pi` is `(S, A)`, the outcome arrays are `(S, A, K)`, `terminal` and `V` are `(S,)`. Skip terminal states: their values stay. Start from a copy of `V` and return it.
     """,
     stub="""
         def sweep(pi, prob, reward, next_state, terminal, V, gamma):
@@ -241,6 +247,8 @@ def _improved(Q, actions):
 Exercise(
     id="ch03-improvement-ties",
     kind="fill in",
+    tier="more",
+    section="Policy improvement: what would be better?",
     title="Improve, but do not dither",
     statement=r"""
         Policy improvement for a deterministic policy: `Q` `(S, A)` holds $q_\pi$, `actions` `(S,)` the actions of $\pi$.
@@ -316,11 +324,14 @@ def _sweeps_down(V0, gamma, tol):
 Exercise(
     id="ch03-bug-stops-early",
     kind="find the bug",
+    tier="core",
+    section="Policy evaluation: what is this policy worth?",
     title="It stops, and it is wrong",
     statement=r"""
         A corridor: from cell $i$ the robot moves to cell $i - 1$, from cell 0 out of the corridor; each step costs 1. This
-        function sweeps until nothing changes any more and returns `(V, n)`. It always stops after one sweep. Find the reason
-        and mend it.
+        function should sweep, from the values `V` on, until no value changes by `tol` or more in a sweep, up or down, and
+        return `(V, n)`: the values after the last sweep, and the number of sweeps, the last one included. It always stops
+        after one sweep. Find the reason and mend it.
     """,
     stub="""
         def corridor(V, gamma, tol):
@@ -421,6 +432,8 @@ def _counts(s, a, s_next, S, A):
 Exercise(
     id="ch03-count-model",
     kind="fill in",
+    tier="more",
+    section="Learning a model by counting",
     title="A model from counts",
     statement=r"""
         Estimate $p(s' \mid s, a)$ from recorded transitions: `s`, `a`, `s_next` are `(n,)` integers, one row for each
@@ -493,6 +506,8 @@ def _updated(Q, s, a, r, s_next, terminated, alpha, gamma):
 Exercise(
     id="ch03-q-learning-update",
     kind="fill in",
+    tier="more",
+    section="Q-learning, a first look",
     title="The update of Q-learning",
     statement=r"""
         Write the update after one transition: `Q[s, a]` moves by the fraction `alpha` towards the target
@@ -578,6 +593,8 @@ Exercise(
 Exercise(
     id="ch03-predict-descent",
     kind="predict",
+    tier="more",
+    section="Policy optimisation, a first look",
     title="Three learning rates",
     statement=r"""
         Gradient descent on $C(v) = v^2 / 2$ from $v = 3$: each step replaces $v$ by $v - \epsilon\, v$. Predict the sign and size
@@ -616,6 +633,8 @@ def _corridor(n, slip):
 Exercise(
     id="ch03-build-corridor",
     kind="build",
+    tier="deep",
+    section="The problem, and the running example",
     title="A slippery corridor",
     statement="""
         Build this process and return it. Cells 1 to `n` in a row, terminal states 0 at the left end and `n + 1` at the right
@@ -678,11 +697,14 @@ Exercise(
 Exercise(
     id="ch03-claim-any-start",
     kind="experiment",
+    tier="deep",
+    section="How fast, and when to stop",
     title="Do the first values matter?",
     statement=r"""
         The document lets value iteration start at random values. Take `gridworld()` with $\gamma = 0.9$ and tolerance `1e-10`;
         run `value_iteration` from `V0=0.0` and from `V0=1000.0`. Bind `verdict` to `(word, n0, n1000)`: the word `"confirmed"` if
-        both limits agree within `1e-6`, else `"refuted"`, and the two numbers of sweeps.
+        both limits agree within `1e-6` in every state, else `"refuted"`, and the two numbers of sweeps; `value_iteration` returns
+        a `Solution` with the values as `.V` and the number of sweeps as `.n_iter`.
     """,
     setup="import numpy as np\nfrom rlcore.dp import value_iteration\nfrom rlcore.envs import gridworld",
     stub="verdict = ...",
@@ -702,14 +724,14 @@ Exercise(
     wrong=(
         Wrong(
             {'word = "confirmed" if np.abs(low.V - high.V).max() < 1e-6 else "refuted"\n': "", "(word,": '("refuted",'},
-            "the sweeps differ, the limits do not: compare the values",
+            "the numbers of sweeps are right, the word is not: more sweeps lead to the same limits; compare the values",
         ),
         Wrong(
             """
             low = value_iteration(gridworld(), 0.9, tol=1e-10, V0=0.0)
             verdict = ("confirmed", low.n_iter, low.n_iter)
             """,
-            "both numbers are those of V0 = 0: the second run starts at 1000",
+            "both runs take as many sweeps: the second one must start at V0=1000.0, and takes more",
         ),
         Wrong(
             """

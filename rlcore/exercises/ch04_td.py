@@ -16,6 +16,8 @@ NOTEBOOK = "04_temporal_difference"
 Exercise(
     id="ch04-edge-by-hand",
     kind="by hand",
+    tier="core",
+    section="TD(0)",
     title="Is the fall inevitable?",
     statement=r"""
         An $\epsilon$-greedy agent with $\epsilon = 0.1$ and four actions walks along the edge of the cliff: ten cells, each
@@ -59,6 +61,8 @@ TOTAL = np.array([30.0, 40.0, 35.0, 40.0, 43.0, 43.0])
 Exercise(
     id="ch04-driving-home",
     kind="by hand",
+    tier="core",
+    section="Learning from a later guess",
     title="Driving home with half a step",
     statement=r"""
         | event | minutes gone | minutes still to go, predicted |
@@ -112,6 +116,8 @@ Exercise(
 Exercise(
     id="ch04-predict-first-episode",
     kind="predict",
+    tier="core",
+    section="TD against Monte Carlo",
     title="What one episode changes",
     statement=r"""
         Random walk A to E, all values 0.5, $\alpha = 0.1$, $\gamma = 1$. The first episode is C, D, C, B, A, left end, without any
@@ -163,6 +169,8 @@ def _td0_step(V, s, r, s_next, terminated, alpha, gamma):
 Exercise(
     id="ch04-td0-update",
     kind="fill in",
+    tier="core",
+    section="TD(0)",
     title="One step of TD(0)",
     statement=r"""
         Write the update of TD(0) after one transition ({eq}`eq-19`; where the document prints it, a parenthesis is misplaced: the
@@ -257,6 +265,8 @@ def _td0_steps(V, s, r, s_next, alpha, gamma):
 Exercise(
     id="ch04-bug-parenthesis",
     kind="find the bug",
+    tier="more",
+    section="TD(0)",
     title="Right until something is discounted",
     statement=r"""
         This function runs TD(0) over recorded steps: step $i$ led from `s[i]` to `s_next[i]` and paid `r[i]`. (The table holds 0 for
@@ -315,6 +325,8 @@ def _masked(V, states, rewards, alpha, gamma):
 Exercise(
     id="ch04-bug-terminal",
     kind="find the bug",
+    tier="more",
+    section="TD(0)",
     title="The end is worth something",
     statement=r"""
         One episode of TD(0): `states` $S_0, \dots, S_T$, the last of them terminal, and `rewards` $R_1, \dots, R_T$. Somebody started the
@@ -407,9 +419,12 @@ def _cut_targets(r, V_next, terminated, truncated, gamma):
 Exercise(
     id="ch04-bug-time-limit",
     kind="find the bug",
+    tier="core",
+    section="TD(0)",
     title="The clock is not the end",
     statement=r"""
-        The TD targets of a batch of steps. `terminated` says that the step reached a terminal state; `truncated`, that a
+        The TD targets of a batch of steps, an array `(n,)`: `r` `(n,)` holds the rewards, `V_next` `(n,)` what the table says of
+        the next states. `terminated` says that the step reached a terminal state; `truncated`, that a
         time limit stopped the recording although the task goes on (both can be true in the same step). The function runs, and the
         values near the time limit are too small. Mend it.
     """,
@@ -466,6 +481,8 @@ def _averages(V, s, G):
 Exercise(
     id="ch04-sample-average",
     kind="fill in",
+    tier="core",
+    section="From averages to steps",
     title="A step size that averages",
     statement=r"""
         Visits come one after the other: state `s[i]`, followed by the return `G[i]`. Write {eq}`eq-18` with the step size $1 / N$, where
@@ -531,6 +548,8 @@ Exercise(
 Exercise(
     id="ch04-predict-forgetting",
     kind="predict",
+    tier="more",
+    section="From averages to steps",
     title="How long is the first guess remembered?",
     statement=r"""
         After 20 updates $V \leftarrow V + \alpha_n (G_n - V)$, $n = 1, \dots, 20$, the estimate is a mixture of the first guess and the 20
@@ -582,6 +601,8 @@ def _both_answers():
 Exercise(
     id="ch04-predictor",
     kind="by hand",
+    tier="more",
+    section="What a fixed batch of data says",
     title="The predictor sees a ninth episode",
     statement=r"""
         You have the eight episodes of the predictor: once A, 0, B, 0; six times B, 1; once B, 0 (state, reward, state, reward). Now
@@ -639,6 +660,8 @@ def _batch_answer(s, r, s_next, n_states, gamma):
 Exercise(
     id="ch04-batch-answer",
     kind="fill in",
+    tier="deep",
+    section="What a fixed batch of data says",
     title="Where batch TD(0) settles",
     statement=r"""
         Batch TD(0) stands still where, for each state, the TD errors of all its recorded steps add up to 0:
@@ -728,6 +751,8 @@ def _sarsa_episode(Q, s, a, r, alpha, gamma):
 Exercise(
     id="ch04-bug-sarsa",
     kind="find the bug",
+    tier="core",
+    section="What SARSA converges to",
     title="On the edge in spite of SARSA",
     statement=r"""
         One recorded episode, `s` $S_0, \dots, S_T$, `a` $A_0, \dots, A_{T-1}$, `r` $R_1, \dots, R_T$, and the updates of SARSA
@@ -833,6 +858,8 @@ def _expected_target(q_next, r, gamma, epsilon):
 Exercise(
     id="ch04-expected-sarsa-ties",
     kind="fill in",
+    tier="more",
+    section="The cliff",
     title="Expected SARSA and ties",
     statement=r"""
         `q_next` `(A,)` is the row of $Q$ at the next state. Return `(p, target)`: the probabilities `(A,)` of the actions of
@@ -915,6 +942,8 @@ def _cliff(n_rows, n_cols):
 Exercise(
     id="ch04-build-cliff",
     kind="build",
+    tier="deep",
+    section="The cliff",
     title="A cliff of any size",
     statement=r"""
         Build the cliff world with `n_rows` x `n_cols` cells, numbered row by row from the top left, and return it. The start is the bottom left
@@ -987,6 +1016,8 @@ def _discounted(gamma):
 Exercise(
     id="ch04-claim-gamma",
     kind="experiment",
+    tier="deep",
+    section="The cliff",
     title="Does TD do without the discount factor?",
     statement=r"""
         The document explains the speed of TD by an update that does not contain $\gamma$. If that were so, $\gamma$ could not
@@ -1058,13 +1089,16 @@ def _sarsa_path(alpha):
 Exercise(
     id="ch04-claim-safest-path",
     kind="experiment",
+    tier="deep",
+    section="The cliff",
     title="Does SARSA take the safest path?",
     statement=r"""
         On the cliff the path along the edge has 13 steps, through the second row 15, along the top row, farthest from the cliff,
         17. The document says that SARSA takes the safest one. Run `sarsa` on `cliff_walking()` with $\gamma = 1$, 2000 episodes,
-        `epsilon=0.1`, `np.random.default_rng(1)`, once with `alpha=0.1` and once with `alpha=0.5`. A single table is restless, so keep
-        the table after every episode (`record=1`), average $Q$ over the last 1000 entries of `run.history`, follow its greedy
-        policy with `rollout` for at most 100 steps, and count. Bind `verdict_path` to `(word, n01, n05)`: `"confirmed"` if both paths have 17 steps, else `"refuted"`, and the two
+        `epsilon=0.1`, once with `alpha=0.1` and once with `alpha=0.5`, each time with a new `np.random.default_rng(1)`. A single
+        table is restless, so keep the table after every episode: with `record=1`, `run.history` is `(2001, S, A)`. Average the
+        last 1000 tables, follow the greedy policy of the average with `rollout` for at most 100 steps (nothing in it is left to
+        chance, so any generator will do), and count the steps to the goal. Bind `verdict_path` to `(word, n01, n05)`: `"confirmed"` if both paths have 17 steps, else `"refuted"`, and the two
         numbers of steps.
     """,
     setup="""
@@ -1077,7 +1111,7 @@ Exercise(
     stub="verdict_path = ...",
     cases=lambda rng: [Case({}, ("refuted", _sarsa_path(0.1), _sarsa_path(0.5)))],
     hints=(
-        "With `record=1`, `run.history` is `(episodes + 1, S, A)`: `run.history[-1000:].mean(axis=0)` is the averaged table.",
+        "`run.history[-1000:].mean(axis=0)` is the averaged table, `(S, A)`.",
         "`len(rollout(mdp, greedy(Q), 100, rng=rng).rewards)` counts the steps to the goal: the rollout ends there.",
     ),
     solution="""
@@ -1091,7 +1125,7 @@ Exercise(
     wrong=(
         Wrong(
             "verdict_path = ('confirmed', 17, 17)",
-            "with the smaller step size the path is a shorter one: count it",
+            "the first number is not that of alpha = 0.1: its path is shorter than the longest; run it, and count",
         ),
         Wrong(
             "verdict_path = ('refuted', 13, 13)",

@@ -16,6 +16,8 @@ NOTEBOOK = "05_eligibility_traces"
 Exercise(
     id="ch05-weights-by-hand",
     kind="by hand",
+    tier="core",
+    section="Averages of returns",
     title="Who gets how much",
     statement=r"""
         Five steps are left in the episode and $\lambda = 0.9$. With which weights do the 1-step, 2-step, 3-step and 4-step returns and
@@ -48,6 +50,8 @@ Exercise(
 Exercise(
     id="ch05-half-life",
     kind="by hand",
+    tier="core",
+    section="Three kinds of trace",
     title="How far back a trace reaches",
     statement=r"""
         $\gamma = 0.95$ and $\lambda = 0.9$. A state is visited once. After how many steps has its trace ({eq}`eq-34`) fallen to one half?
@@ -88,6 +92,8 @@ def _courses():
 Exercise(
     id="ch05-three-traces",
     kind="by hand",
+    tier="core",
+    section="Three kinds of trace",
     title="Three traces of one state",
     statement=r"""
         $\gamma \lambda = 0.8$ and $\alpha = 0.25$. A state is visited at times 0, 1 and 2, and not again. Write down its accumulating, its
@@ -138,6 +144,8 @@ Exercise(
 Exercise(
     id="ch05-n-step-return",
     kind="fill in",
+    tier="core",
+    section="n-step returns",
     title="n steps, or to the end",
     statement=r"""
         Write the $n$-step return of time `t` ({eq}`eq-25`; its horizon is $h = t + n$, where the document prints $t + 1$). The episode
@@ -216,6 +224,8 @@ def _increment(rewards, V_t, V_h, gamma, alpha):
 Exercise(
     id="ch05-bug-increment",
     kind="find the bug",
+    tier="more",
+    section="n-step TD",
     title="What the return is a function of",
     statement=r"""
         The increment of $V(S_t)$ from an $n$-step return that ends inside the episode: `rewards` $R_{t+1}, \dots, R_{t+n}$,
@@ -286,6 +296,8 @@ Exercise(
 Exercise(
     id="ch05-lambda-return",
     kind="fill in",
+    tier="core",
+    section="Four lines instead of a sum",
     title="All lambda-returns in one backward pass",
     statement=r"""
         The sums of {eq}`eq-32` need not be formed: $L_t = R_{t+1} + \gamma \left((1 - \lambda) V(S_{t+1}) + \lambda L_{t+1}\right)$, and nothing
@@ -394,6 +406,8 @@ def _episode(rng, S, T):
 Exercise(
     id="ch05-both-views",
     kind="fill in",
+    tier="deep",
+    section="Forward and backward are the same",
     title="Forward is backward",
     statement=r"""
         One recorded episode, `states` $S_0, \dots, S_T$ (the last one terminal, with `V` = 0) and `rewards` $R_1, \dots, R_T$; `V` stays fixed. Return
@@ -490,6 +504,8 @@ def _actions(rng, T):
 Exercise(
     id="ch05-bug-cut",
     kind="find the bug",
+    tier="more",
+    section="Which errors arrive?",
     title="The wrong action decides",
     statement=r"""
         Watkins's Q($\lambda$) forgets all traces when an exploratory action comes. Here `Q` `(S, A)` stays fixed, the pairs `s[t]`, `a[t]` and the
@@ -588,6 +604,8 @@ Exercise(
 Exercise(
     id="ch05-predict-sixth",
     kind="predict",
+    tier="more",
+    section="Which errors arrive?",
     title="Five greedy actions and a sixth",
     statement=r"""
         Watkins's Q($\lambda$) with $\gamma \lambda = 0.9$. A pair is visited at time $t$ and not again. The actions at $t + 1, \dots, t + 5$ are greedy, the one
@@ -641,6 +659,8 @@ def _stream(rng, n_episodes, T, S):
 Exercise(
     id="ch05-bug-reset",
     kind="find the bug",
+    tier="more",
+    section="SARSA(lambda)",
     title="Blame for what happened before",
     statement=r"""
         TD($\lambda$) over a stream of steps: step $i$ led from `s[i]` to `s_next[i]` and paid `r[i]`; `starts[i]` says that it is the first
@@ -710,6 +730,8 @@ def _one_episode(V, states, rewards, gamma, lam, alpha):
 Exercise(
     id="ch05-bug-order",
     kind="find the bug",
+    tier="core",
+    section="SARSA(lambda)",
     title="Decayed before it counts",
     statement=r"""
         One episode of TD($\lambda$): `states` $S_0, \dots, S_T$, the last one terminal with the value 0, `rewards` $R_1, \dots, R_T$. With $\gamma = \lambda = 1$ it
@@ -783,6 +805,8 @@ def _dutch(E, s, a, alpha, decay):
 Exercise(
     id="ch05-bug-dutch",
     kind="find the bug",
+    tier="more",
+    section="Three kinds of trace",
     title="A dutch trace for one pair",
     statement=r"""
         The dutch traces of all pairs, `E` `(S, A)`, after the pair `(s, a)` was visited; `decay` is $\gamma \lambda$. The function follows the
@@ -840,6 +864,8 @@ Exercise(
 Exercise(
     id="ch05-predict-first-reward",
     kind="predict",
+    tier="core",
+    section="The lambda-return algorithm",
     title="News travels ten cells",
     statement=r"""
         Ten cells in a row, 0 to 9, one action that steps right, and a reward of 1 for leaving cell 9, where the episode ends. All values are 0,
@@ -868,6 +894,8 @@ Exercise(
 Exercise(
     id="ch05-build-walk",
     kind="build",
+    tier="more",
+    section="All of them together",
     title="A long random walk",
     statement="""
         Build the walk on which this chapter compares methods, for any odd `n`, and return it. States 1 to `n` in a row; a terminal state 0 at the left
@@ -927,12 +955,15 @@ def _refutation():
 Exercise(
     id="ch05-claim-error-reduction",
     kind="experiment",
+    tier="deep",
+    section="Why they are better targets",
     title="A bound that the right answer breaks",
     statement=r"""
         {eq}`eq-30`, as the document prints it, bootstraps from $v(S_{t+1})$ whatever $n$ is. Test it on `random_walk(5)` with `uniform_policy`, $\gamma = 0.9$, $n = 2$ and
         $v = v_\pi$, so that the right-hand side is 0. With `P, r = policy_matrix(mdp, pi)` the expected two-step return is
         $r + \gamma P r + \gamma^2$ times the expected value at the state that it bootstraps from. Bind `verdict_contraction` to `(word, printed, right)`: `"confirmed"`
-        if the printed inequality holds within `1e-9`, else `"refuted"`, and the left-hand sides with $S_{t+1}$ and with $S_{t+2}$.
+        if the printed inequality holds within `1e-9`, else `"refuted"`, and the left-hand sides with $S_{t+1}$ and with $S_{t+2}$. A left-hand side is
+        the largest absolute difference over all states. `P` is a sparse matrix of SciPy: multiply with `@`, as in `P @ (P @ v)`.
     """,
     setup="""
         import numpy as np
@@ -989,6 +1020,8 @@ def _errors(alpha=0.05):
 Exercise(
     id="ch05-claim-memory",
     kind="experiment",
+    tier="deep",
+    section="Three kinds of trace",
     title="Is more memory always better?",
     statement=r"""
         The document praises traces without saying how long they should be. Put this claim to the test: *the larger $\lambda$, the smaller the error*. Run `td_lambda` on

@@ -35,6 +35,8 @@ def _gradients(x, y, *arrays, output="sigmoid"):
 Exercise(
     id="ch06-count-parameters",
     kind="by hand",
+    tier="core",
+    section="A network to compute by hand",
     title="Thirteen thousand what?",
     statement=r"""
         The network for digits has 784 inputs, two hidden layers of 16 neurons and 10 output neurons; every neuron sees all of the layer
@@ -76,6 +78,8 @@ def _printed_costs():
 Exercise(
     id="ch06-printed-cost",
     kind="by hand",
+    tier="more",
+    section="How wrong is it? The cost",
     title="A three that is labelled two",
     statement=r"""
         The document shows a 3 to a network and writes down its ten outputs, for the digits 0 to 9:
@@ -116,6 +120,8 @@ Exercise(
 Exercise(
     id="ch06-step-position",
     kind="by hand",
+    tier="core",
+    section="Steps",
     title="Where the step is",
     statement=r"""
         A sigmoid neuron with one input has weight $w$ and bias $b$. Where does its output cross one half ({eq}`eq-nn-24`)? Do it for
@@ -155,6 +161,8 @@ def _layer(w, b, x):
 Exercise(
     id="ch06-layer",
     kind="fill in",
+    tier="core",
+    section="A network to compute by hand",
     title="A layer, for a whole batch",
     statement=r"""
         The activations of a layer are those of {eq}`eq-nn-30` for one sample. Write them for a batch with a sample a row: `w` is `(m, n)`, `b` is `(m,)`, `x` is
@@ -213,6 +221,8 @@ def _output_error(z, y):
 Exercise(
     id="ch06-output-error",
     kind="fill in",
+    tier="core",
+    section="In numbers",
     title="BP1: the error of the outputs",
     statement=r"""
         One sample, sigmoid outputs, quadratic cost. `z` holds the weighted inputs of the output layer, `y` the desired outputs. Return
@@ -269,6 +279,8 @@ def _hidden_error(w, delta, z):
 Exercise(
     id="ch06-hidden-error",
     kind="fill in",
+    tier="core",
+    section="In numbers",
     title="BP2: passing the error back",
     statement=r"""
         `delta` is the error of a layer, `w` its weights, and `z` holds the weighted inputs of the layer before, of sigmoid neurons. Return the error of the
@@ -320,6 +332,8 @@ Exercise(
 Exercise(
     id="ch06-bias-gradient",
     kind="fill in",
+    tier="core",
+    section="In numbers",
     title="BP3: the gradient of the biases",
     statement=r"""
         `delta` `(B, m)` holds the errors of a layer, a sample a row, each row that of the sample's own cost. The cost of the batch is the mean of these
@@ -362,6 +376,8 @@ Exercise(
 Exercise(
     id="ch06-weight-gradient",
     kind="fill in",
+    tier="core",
+    section="In numbers",
     title="BP4: the outer product, the right way round",
     statement=r"""
         `delta` `(m,)` is the error of a layer, `a` `(n,)` holds the activations of the layer before. Return the gradient with respect to the weights
@@ -428,6 +444,8 @@ BACKPROP = """
 Exercise(
     id="ch06-bug-slope",
     kind="find the bug",
+    tier="more",
+    section="In numbers",
     title="It learns, but not by the gradient",
     statement=r"""
         Backpropagation of one sample through a network with one hidden layer, sigmoid neurons and the quadratic cost; the four gradients come in the order
@@ -496,6 +514,8 @@ def _step(w1, b1, w2, b2, x, y, lr):
 Exercise(
     id="ch06-bug-order",
     kind="find the bug",
+    tier="more",
+    section="In numbers",
     title="Too soon",
     statement=r"""
         One step of gradient descent ({eq}`eq-nn-27`, {eq}`eq-nn-28`) on one sample: hidden sigmoid neurons, linear outputs, quadratic cost. With a small
@@ -548,6 +568,8 @@ def _central(f, theta, h):
 Exercise(
     id="ch06-gradient-check",
     kind="fill in",
+    tier="more",
+    section="In numbers",
     title="A gradient from two looks",
     statement=r"""
         To test a backpropagation, compute the gradient in another way: entry $k$ of {eq}`eq-nn-26` is about
@@ -602,6 +624,8 @@ Exercise(
 Exercise(
     id="ch06-minibatch",
     kind="fill in",
+    tier="core",
+    section="Momentum and Adam",
     title="The gradient of a minibatch",
     statement=r"""
         A linear neuron answers $a = w \cdot x + b$. `x` is `(B, n)`, `y` is `(B,)`, and the cost is {eq}`eq-nn-25` over the `B` samples. Return the
@@ -666,6 +690,8 @@ def _momentum(theta, v, gradient, lr, momentum):
 Exercise(
     id="ch06-momentum",
     kind="fill in",
+    tier="more",
+    section="Momentum and Adam",
     title="A heavy ball",
     statement=r"""
         Gradient descent with momentum remembers its direction: $v \leftarrow \mu v + \nabla C$, then $\theta \leftarrow \theta - \epsilon v$. With
@@ -743,6 +769,8 @@ Exercise(
 Exercise(
     id="ch06-softmax-gradient",
     kind="fill in",
+    tier="deep",
+    section="Digits",
     title="The simplest gradient of all",
     statement=r"""
         A classifier turns its linear outputs, the logits $z$, into probabilities $p_k = e^{z_k} / \sum_j e^{z_j}$, and the cost of a sample
@@ -809,6 +837,8 @@ Exercise(
 Exercise(
     id="ch06-predict-learning-rate",
     kind="predict",
+    tier="core",
+    section="Which way, and how far",
     title="Four learning rates",
     statement=r"""
         Gradient descent on $C(v) = v^2 / 2$ from $v = 2$, 20 steps of {eq}`eq-nn-27`. Predict first, for $\epsilon = 0.1$, $0.5$, $2$ and $2.1$, whether $v$ creeps, hurries,
@@ -845,6 +875,8 @@ Exercise(
 Exercise(
     id="ch06-predict-zeros",
     kind="predict",
+    tier="more",
+    section="Where to start",
     title="All weights zero",
     statement=r"""
         Two inputs, three hidden sigmoid neurons, one linear output; all weights and biases are 0. The sample is $x = (1, 2)$, $y = 1$, the cost quadratic.
@@ -895,11 +927,13 @@ Exercise(
 Exercise(
     id="ch06-build-stove",
     kind="build",
+    tier="core",
+    section="The stove, by hand and learned",
     title="The hot stove",
     statement=r"""
         Two inputs between 0 and 1, temperature and pain; the hand is pulled back (output near 1) if at least one of them exceeds 0.5, and stays (near 0) otherwise. Choose weights
         and biases of two hidden sigmoid neurons, each a steep step at 0.5 of one input, and of a sigmoid output that fires if any of them does
-        ({eq}`eq-nn-23`). The check wants outputs within 0.01 of 0 and 1, also at lukewarm inputs such as 0.4 and 0.4.
+        ({eq}`eq-nn-23`). Complete the network of the stub; the check looks only at its outputs, which must be within 0.01 of 0 or 1, also at lukewarm inputs such as 0.4 and 0.4.
     """,
     setup=WITH_SIGMOID,
     stub="""
@@ -954,6 +988,8 @@ Exercise(
 Exercise(
     id="ch06-build-xor",
     kind="build",
+    tier="deep",
+    section="The stove, by hand and learned",
     title="Either, but not both",
     statement=r"""
         No single neuron can tell whether **exactly** one of its two inputs is 1: its border is a straight line. Two hidden steps and an output can. `x` is an array of two numbers, each near 0 or near 1; choose
@@ -1017,6 +1053,8 @@ Exercise(
 Exercise(
     id="ch06-bump",
     kind="fill in",
+    tier="more",
+    section="Bumps",
     title="A bump from two steps",
     statement=r"""
         Two steep sigmoid neurons with the weight `w`, one with its step at `s1`, the other at `s2` ({eq}`eq-nn-24`), and a linear output with the weights $h$ and $-h$: about `h` between
@@ -1099,6 +1137,8 @@ def _bump_parameters(edges, heights, w):
 Exercise(
     id="ch06-build-bumps",
     kind="build",
+    tier="deep",
+    section="Any curve from bumps",
     title="Any function, by hand",
     statement=r"""
         Bumps beside each other follow a function. `edges` holds `n + 1` equally spaced positions, `heights` the `n` heights between them. Build the network: `2 n` hidden sigmoid neurons with the weight
@@ -1153,6 +1193,8 @@ Exercise(
 Exercise(
     id="ch06-claim-position",
     kind="experiment",
+    tier="deep",
+    section="Steps",
     title="Proportional to the weight?",
     statement=r"""
         The document says that the position of the step is proportional to the weight and to the bias. Measure it: for the weights 20, 40 and 80 and the bias -10 find the first point of
@@ -1209,11 +1251,18 @@ def _log_gradients():
 Exercise(
     id="ch06-claim-relu",
     kind="experiment",
+    tier="deep",
+    section="Gradients that vanish",
     title="Why ReLU?",
     statement=r"""
-        The document calls the ReLU more reliable *because it is 0 on half of its domain*. Test the reason on ten layers of 64 neurons without biases: send an input forward
-        ({eq}`eq-nn-30`) and an error of length 1 in the last activations back ({eq}`eq-nn-35`), and note the power of ten of the gradient that arrives at the input. Compare the ReLU with a quarter of it,
-        $\max(0, z) / 4$, which is 0 as often, and with $|z|$, which is nowhere 0. All three are straight lines through 0, with the slopes `left` where $z < 0$ and `right` where $z > 0$. Complete the two inner loops and bind
+        The document calls the ReLU more reliable *because it is 0 on half of its domain*. Test that reason on three activations: the ReLU; a quarter of it, $\max(0, z) / 4$, which is 0 just as often; and $|z|$, which is 0 nowhere. Each is a straight line on either side of 0, with the slope `left` where $z < 0$ and `right` where $z > 0$.
+
+        The network has ten layers of 64 neurons without biases; the stub makes its weights `ws`, its input `a` and the gradient `g`, of length 1, with respect to the last activations. Complete the two inner loops:
+
+        * forward ({eq}`eq-nn-30`): from `a` compute the weighted inputs, keep their slopes in the list `slopes`, and compute the new `a`;
+        * backward ({eq}`eq-nn-35`): from `g`, the gradient with respect to a layer's activations, compute that with respect to the activations of the layer before.
+
+        The stub then notes the power of ten of the gradient that has arrived at the input. Bind
         `verdict_relu` to `(word, relu, quarter, absolute)`: `"confirmed"` if the quarter keeps more than a tenth of the gradient and $|z|$ does not, else `"refuted"`, and the three powers of ten.
     """,
     stub="""
@@ -1288,10 +1337,12 @@ def _depth_costs():
 Exercise(
     id="ch06-claim-depth",
     kind="experiment",
+    tier="deep",
+    section="Gradients that vanish",
     title="The more layers, the better?",
     statement=r"""
         *More hidden layers greatly improve accuracy*, says the document. Train networks with 1, 2 and 4 hidden layers of 16 sigmoid neurons on $f(x) = \cos^2 x + x$ at `x = np.linspace(0, 1, 21)[:, None]`: `net = MLP(sizes,
-        hidden="sigmoid", optimizer=SGD(0.5), dtype=np.float64, rng=rng)` and `sgd(net, x, y, batch=None, epochs=400, rng=rng)`, with a new `rng = np.random.default_rng(0)` for each depth. Bind `verdict_depth` to
+        hidden="sigmoid", optimizer=SGD(0.5), dtype=np.float64, rng=rng)` and `sgd(net, x, y, batch=None, epochs=400, rng=rng)`, with a new `rng = np.random.default_rng(0)` for each depth; `sgd` returns the cost of every epoch. Bind `verdict_depth` to
         `(word, c1, c2, c4)`: `"confirmed"` if the last costs fall with the depth, else `"refuted"`, and these costs. It is one seed and one task: enough to refute *always*, no more. Try another seed.
     """,
     setup="import numpy as np\nfrom rlcore.nn import MLP, sgd\nfrom rlcore.optimizers import SGD",

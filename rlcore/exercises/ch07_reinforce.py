@@ -22,6 +22,8 @@ NOTEBOOK = "07_reinforce"
 Exercise(
     id="ch07-softmax",
     kind="fill in",
+    tier="core",
+    section="The softmax policy and its score",
     title="From preferences to probabilities",
     statement=r"""
         A softmax policy chooses action $a$ with a probability proportional to $e^{h_a}$, where $h_a$ is its preference for $a$. `h` is the array of the preferences
@@ -65,7 +67,7 @@ Exercise(
                     weights = np.exp(h - h.mean())
                     return weights / weights.sum()
             """,
-            "subtracting the mean is not enough: the largest preference may still be far above it",
+            "what is subtracted is not the largest preference: that may still lie far above the mean, or the smallest",
         ),
         Wrong(
             """
@@ -104,6 +106,8 @@ def _three_scores():
 Exercise(
     id="ch07-score",
     kind="fill in",
+    tier="core",
+    section="The softmax policy and its score",
     title="The score of a softmax",
     statement=r"""
         Which change of the preferences makes the action that was taken more probable? `h` holds the preferences of one state, and `a` is the action taken. Return the
@@ -164,6 +168,8 @@ Exercise(
 Exercise(
     id="ch07-zero-mean",
     kind="by hand",
+    tier="core",
+    section="The softmax policy and its score",
     title="The score is zero on average",
     statement=r"""
         Three actions have the preferences $0$, $\ln 2$ and $\ln 3$. On paper, work out the score (the gradient of $\ln \pi(a)$ with respect to the three preferences) of each
@@ -211,6 +217,8 @@ Exercise(
 Exercise(
     id="ch07-gaussian",
     kind="fill in",
+    tier="more",
+    section="The softmax policy and its score",
     title="Continuous actions",
     statement=r"""
         For a continuous action the policy is a normal distribution with the mean $\mu$ and the standard deviation $\sigma = e^{\ell}$; the network learns $\mu$ and
@@ -301,6 +309,8 @@ Exercise(
 Exercise(
     id="ch07-entropy",
     kind="fill in",
+    tier="more",
+    section="The softmax policy and its score",
     title="How undecided is a policy?",
     statement=r"""
         The entropy $-\sum_a \pi(a) \ln \pi(a)$ is largest where all actions are equally probable, and 0 where the policy is
@@ -360,6 +370,8 @@ Exercise(
 Exercise(
     id="ch07-predict-jump",
     kind="predict",
+    tier="core",
+    section="Smooth changes",
     title="A tiny change of a value",
     statement=r"""
         Two actions have the values 0 and $d$. As $d$ goes from $-0.1$ to $0.1$, how does the probability of the second action change under an
@@ -403,6 +415,8 @@ Exercise(
 Exercise(
     id="ch07-predict-limits",
     kind="predict",
+    tier="more",
+    section="The softmax policy and its score",
     title="Who becomes decided?",
     statement=r"""
         A bandit has two arms with the values 0 and 1. Three agents learn for ever, with small steps. The first estimates the values and draws from a softmax over the estimates, the second estimates them and is
@@ -447,6 +461,8 @@ def _division():
 Exercise(
     id="ch07-division",
     kind="by hand",
+    tier="more",
+    section="From the theorem to an episode",
     title="Why divide by the probability?",
     statement=r"""
         A bandit has two arms. The first pays 1, the second 1.2; a softmax policy with two preferences pulls them with probability 0.9 and
@@ -491,6 +507,8 @@ Exercise(
 Exercise(
     id="ch07-gamma-by-hand",
     kind="by hand",
+    tier="core",
+    section="The algorithm",
     title="The factor that the box leaves out",
     statement=r"""
         There is one state and two actions with equal preferences. An episode takes the actions 0, 1, 1 and gets the rewards 1, 0, 8; $\gamma = 0.5$. Compute the returns ({eq}`eq-rf-38`), and from them the estimate of the gradient with respect to the
@@ -542,6 +560,8 @@ Exercise(
 Exercise(
     id="ch07-theorem",
     kind="fill in",
+    tier="deep",
+    section="The theorem",
     title="The gradient without sampling",
     statement=r"""
         Figure 50 with nothing left to chance: every state has preferences of its own, `pi` `(S, A)` is their softmax, `Q` `(S, A)` holds the action values of this policy, and `visits` `(S,)` says how often, discounted, an episode is expected to be in each state. Return the gradient
@@ -608,6 +628,8 @@ FORWARD = """
 Exercise(
     id="ch07-episode-gradient",
     kind="fill in",
+    tier="core",
+    section="The algorithm",
     title="One episode of REINFORCE",
     statement=r"""
         Lines 4 to 9 of the box of figure 52. `theta[a, s]` is the preference for action `a` in state `s`; `states`, `actions` and `rewards` are arrays of the same length, and `rewards[t]` follows
@@ -682,6 +704,8 @@ Exercise(
 Exercise(
     id="ch07-bug-baseline",
     kind="find the bug",
+    tier="more",
+    section="Baselines",
     title="A baseline that knows too much",
     statement=r"""
         A policy gradient for a bandit with a baseline: `h` holds the preferences, `q_hat` the estimated values of the arms, `a` and `r` are the arm pulled and its reward. The baseline should be
@@ -733,6 +757,8 @@ Exercise(
 Exercise(
     id="ch07-bug-order",
     kind="find the bug",
+    tier="core",
+    section="The algorithm",
     title="The faster it learns, the slower it learns",
     statement=r"""
         REINFORCE with a learned baseline, where there is one state: `h` holds the preferences, the number `w` is the baseline, `a` the action and `G` the return. Both learn from the
@@ -779,7 +805,7 @@ Exercise(
         Wrong({"alpha_w * delta": "alpha * delta"}, "the baseline moves with the step size of the policy"),
         Wrong(
             {"delta = G - w": "delta = w - G", "w + alpha_w": "w - alpha_w"},
-            "the difference is turned round, and the policy goes downhill",
+            "the sign of the policy's step is turned round, and it goes downhill",
         ),
         Wrong(
             {"h + alpha * delta": "h + alpha * (1 - alpha_w) * delta"},
@@ -795,6 +821,8 @@ Exercise(
 Exercise(
     id="ch07-critic-error",
     kind="fill in",
+    tier="core",
+    section="Actor-critic",
     title="What the critic says",
     statement=r"""
         A one-step actor-critic learns after each step from $\delta = r + \gamma \hat v(s') - \hat v(s)$. All arguments but `gamma` are arrays with a step each: `v` and `v_next` hold $\hat v(s)$ and $\hat v(s')$, whatever
@@ -872,6 +900,8 @@ def _corridor_values():
 Exercise(
     id="ch07-corridor-value",
     kind="by hand",
+    tier="deep",
+    section="States that look alike",
     title="The short corridor",
     statement=r"""
         Three cells in a row, 0, 1, 2, then the end; each step costs 1, and $\gamma = 1$. From cell 0 left stays and right goes to cell 1. In cell 1 the two actions are confused: left goes to cell 2,
@@ -912,6 +942,8 @@ Exercise(
 Exercise(
     id="ch07-bluff",
     kind="by hand",
+    tier="deep",
+    section="An opponent who looks on",
     title="How often to bluff",
     statement=r"""
         The pot holds 2. Half of the time you have the better hand, and then you bet 1. With the worse hand you either bet too, a bluff, with probability $x$, or give the pot up and gain 0. The other
@@ -954,6 +986,8 @@ def _corridor(n, confused):
 Exercise(
     id="ch07-build-corridor",
     kind="build",
+    tier="more",
+    section="States that look alike",
     title="A corridor that confuses",
     statement=r"""
         Build the short corridor with any number of cells. Cells 0 to `n - 1` stand in a row, and cell `n` is the end. Action 0, left, leads to the cell before (from cell 0: nowhere, it stays), action 1, right, to the next one. In the cells of the tuple `confused` the two are exchanged. Each step
@@ -1031,11 +1065,13 @@ def _baseline_numbers():
 Exercise(
     id="ch07-claim-baseline",
     kind="experiment",
+    tier="deep",
+    section="Baselines",
     title="Does a baseline change the direction?",
     statement=r"""
         *A baseline leaves the expected update unchanged.* Measure it in the short corridor with a policy that cannot tell the cells apart: `gradient_estimates(short_corridor(), theta, 1.0, 20_000, features=x, baseline=b, rng=rng)`
         with `theta = np.zeros((2, 1))` and `x = np.ones((4, 1))` gives the estimates of 20,000 episodes, `(20_000, 2, 1)`. Do it for `b = 0.0` and for `b = -12.0`, the value of the start, each time with a new `np.random.default_rng(0)`, and look at the component of action 1, right. Bind
-        `verdict_baseline` to `(word, mean_0, mean_b, ratio)`: `"confirmed"` if the means differ by less than three standard errors of the mean of the episodes' differences, else `"refuted"`; the two means; and the variance with the baseline divided by that without.
+        `verdict_baseline` to `(word, mean_0, mean_b, ratio)`: the word; the two means; and the variance with the baseline divided by that without. For the word, subtract the two estimates of each episode (the same generator gives the same episodes). The means agree if the mean of these 20,000 differences is nearer to 0 than three times its standard error, their standard deviation divided by $\sqrt{20{,}000}$: then it is `"confirmed"`, else `"refuted"`.
     """,
     setup=LIBRARY + "from rlcore.policy_gradient import gradient_estimates",
     stub="verdict_baseline = ...",
@@ -1092,6 +1128,8 @@ def _critic_numbers():
 Exercise(
     id="ch07-claim-critic",
     kind="experiment",
+    tier="deep",
+    section="Actor-critic",
     title="Baseline or critic?",
     statement=r"""
         *REINFORCE with the baseline V(S, w) is an actor-critic.* If so, both would move the policy alike, also while V is wrong. Test it in the short corridor, with `theta = np.zeros((2, 1))`, `x = np.ones((4, 1))` and a V that knows the cells no better than the policy does, `V = np.array([-12.0, -12.0, -12.0, 0.0])`. All

@@ -32,6 +32,8 @@ def _at(shape, *places):
 Exercise(
     id="ch08-up-down",
     kind="fill in",
+    tier="more",
+    section="Outcomes",
     title="What the label says",
     statement=r"""
         A unit with the weights `w` sees the input `x`, and chooses UP with probability $p = \sigma(w \cdot x)$, else DOWN. The label of the example is `up`: 1 if UP is right, 0 if DOWN is. Return the
@@ -77,6 +79,8 @@ Exercise(
 Exercise(
     id="ch08-gae",
     kind="fill in",
+    tier="core",
+    section="Generalised advantage estimation",
     title="Advantages, and where episodes end",
     statement=r"""
         A rollout of $T$ steps goes through several episodes. `values[t]` is $\hat v$ of the state of step $t$, `next_values[t]` that of the state which the step led to, also where the episode was over with it. `terminated[t]` says that this state is terminal, `truncated[t]` that the episode was cut there by a
@@ -159,6 +163,8 @@ Exercise(
 Exercise(
     id="ch08-two-endings",
     kind="by hand",
+    tier="core",
+    section="Generalised advantage estimation",
     title="Dead, or out of time?",
     statement=r"""
         An episode of three steps gets the rewards 1, 0, 2. The network says 2, 1, 4 of the three states in which they were taken, and 4 of the state after the last step. $\gamma = \lambda = 0.5$. Work out the three advantages,
@@ -209,6 +215,8 @@ Exercise(
 Exercise(
     id="ch08-bug-time-limit",
     kind="find the bug",
+    tier="more",
+    section="Generalised advantage estimation",
     title="A time limit that looks like death",
     statement=r"""
         HalfCheetah never falls: each of its episodes is cut after 1000 steps. This program tells the value network, once in 1000 steps, that nothing follows, in a state like all the others, and running seems to be worth less than it is. `rewards`, `terminated` and `truncated` are `(T, N)`, for $N$ environments side by side, and `values` is `(T + 1, N)`, with the state that step $t$ led to in row $t + 1$. Mend the program.
@@ -280,6 +288,8 @@ Exercise(
 Exercise(
     id="ch08-bug-axis",
     kind="find the bug",
+    tier="core",
+    section="Generalised advantage estimation",
     title="Everybody is above average",
     statement=r"""
         Before the epochs PPO centres and scales the advantages of the whole rollout: `advantages` is `(T, N)`, for $T$ steps of $N$ environments. With this program
@@ -325,6 +335,8 @@ Exercise(
 Exercise(
     id="ch08-bug-targets",
     kind="find the bug",
+    tier="more",
+    section="Generalised advantage estimation",
     title="Targets on the wrong scale",
     statement=r"""
         The value network should learn $\hat A_t + \hat v(s_t)$, the $\lambda$-return; the policy learns from the advantages centred and scaled. `advantages` are the estimates as they come, `values` is $\hat v(s_t)$. With
@@ -383,6 +395,8 @@ Exercise(
 Exercise(
     id="ch08-reset-steps",
     kind="fill in",
+    tier="deep",
+    section="Generalised advantage estimation",
     title="Steps that are none",
     statement=r"""
         By default, in Gymnasium's vector environments the step after the end of an episode ignores the action and only resets: its row in the rollout leads from the last state of one episode to the first of the next, and must not be learned from. `terminated` and `truncated` are `(T, N)`; `over` `(N,)` says
@@ -443,6 +457,8 @@ Exercise(
 Exercise(
     id="ch08-ratio",
     kind="fill in",
+    tier="core",
+    section="Old data, new policy",
     title="A ratio of two tiny numbers",
     statement=r"""
         `logp` and `logp_old` hold $\ln \pi_\theta(a_t | s_t)$ and $\ln \pi_{\theta_{old}}(a_t | s_t)$ of some steps. Return the array of the probability ratios ({eq}`eq-ppo-47`). With many action dimensions logarithms of $-800$ do occur, and must do no harm.
@@ -498,6 +514,8 @@ Exercise(
 Exercise(
     id="ch08-dimensions",
     kind="fill in",
+    tier="more",
+    section="Solving without the matrix",
     title="Six joints, one probability",
     statement=r"""
         HalfCheetah's action has six numbers, each drawn on its own from a normal distribution. `mean` and `actions` are `(B, A)`, for `B` steps with `A` numbers each; `log_std` `(A,)` holds the logarithms of the standard deviations, the same in all states. Return
@@ -550,6 +568,8 @@ Exercise(
 Exercise(
     id="ch08-clip",
     kind="fill in",
+    tier="core",
+    section="Clipping: PPO",
     title="The lower of two",
     statement=r"""
         Return $L^{CLIP}$ ({eq}`eq-ppo-49`) of some steps, a number: `ratio` and `advantage` are arrays, `clip` is $\epsilon$.
@@ -558,18 +578,21 @@ Exercise(
         def clip_objective(ratio, advantage, clip):
             ...
     """,
-    cases=lambda rng: [
-        Case(
-            dict(ratio=r, advantage=A, clip=clip),
-            float(np.mean([min(x * a, min(max(x, 1 - clip), 1 + clip) * a) for x, a in zip(r, A)])),
-        )
-        for clip, r in (
-            (0.2, np.array([0.5, 1.5, 0.7, 1.1, 1.9])),
-            (0.1, np.array([1.3, 0.6, 0.95])),
-            (0.3, np.array([0.4, 1.0, 1.6, 2.0])),
-        )
-        for A in [rng.permutation(np.resize([1.0, -2.0, 0.5, -1.5], len(r)))]
-    ],
+    cases=lambda rng: (
+        [
+            Case(
+                dict(ratio=r, advantage=A, clip=clip),
+                float(np.mean([min(x * a, min(max(x, 1 - clip), 1 + clip) * a) for x, a in zip(r, A)])),
+            )
+            for clip, r in (
+                (0.2, np.array([0.5, 1.5, 0.7, 1.1, 1.9])),
+                (0.1, np.array([1.3, 0.6, 0.95])),
+                (0.3, np.array([0.4, 1.0, 1.6, 2.0])),
+            )
+            for A in [rng.permutation(np.resize([1.0, -2.0, 0.5, -1.5], len(r)))]
+        ]
+        + [Case(dict(ratio=np.array([1.5, 0.9]), advantage=np.array([4.0, -4.0]), clip=0.2), (4.8 - 3.6) / 2)]
+    ),
     hints=(
         "`np.clip(ratio, 1 - clip, 1 + clip)` is the clipped ratio. Multiply both ratios with the advantage before you compare them.",
         "`np.minimum` takes the lower one of each pair; $\\hat{\\mathbb E}_t$ is the mean over the steps.",
@@ -613,6 +636,8 @@ Exercise(
 Exercise(
     id="ch08-predict-clip-values",
     kind="predict",
+    tier="core",
+    section="Clipping: PPO",
     title="Four cases of the minimum",
     statement=r"""
         $\epsilon = 0.2$. Predict $\min(r \hat A, \mathrm{clip}(r, 1 - \epsilon, 1 + \epsilon) \hat A)$ for $(r, \hat A) = (1.5, 1)$, $(0.5, 1)$, $(1.5, -1)$ and $(0.5, -1)$, in this order. In how many of them is it the unclipped term? Bind the array of the four numbers to `four_values`.
@@ -659,6 +684,8 @@ def _slopes():
 Exercise(
     id="ch08-predict-slopes",
     kind="predict",
+    tier="more",
+    section="Clipping: PPO",
     title="Who still pushes?",
     statement=r"""
         $\epsilon = 0.2$. For the ratios 0.5, 0.9, 1.1 and 1.5 predict the derivative of the clipped term of one step ({eq}`eq-ppo-49`) with respect to $\ln \pi_\theta(a | s)$. Bind the 2 x 4 array `slopes`: row 0 with $\hat A = 1$, row 1 with $\hat A = -1$. Where is it 0?
@@ -704,6 +731,8 @@ Exercise(
 Exercise(
     id="ch08-bug-no-way-back",
     kind="find the bug",
+    tier="more",
+    section="Clipping: PPO",
     title="The step that cannot be taken back",
     statement=r"""
         The derivative of the mean of the clipped terms ({eq}`eq-ppo-49`) with respect to each $\ln \pi_\theta(a_t | s_t)$, `(B,)`. With this program an action that became ten times rarer by accident, although it is a good one, stays rare for the rest of the epochs. Mend it.
@@ -719,6 +748,7 @@ Exercise(
             (0.2, np.array([0.5, 1.5, 0.5, 1.5, 1.1]), np.array([1.0, 2.0, -1.0, -0.5, 1.5])),
             (0.1, np.array([1.3, 0.95, 0.6]), np.array([-1.0, 2.0, 0.5])),
             (0.3, np.array([0.4, 1.2, 1.6, 2.0]), np.array([-2.0, -1.0, 1.0, -0.5])),
+            (0.2, np.array([4.0, 0.02, 4.0]), np.array([1.0, -1.0, -1.0])),
         )
     ],
     hints=(
@@ -777,6 +807,8 @@ def _bandit(rng, n, B):
 Exercise(
     id="ch08-bug-minus",
     kind="find the bug",
+    tier="core",
+    section="Clipping: PPO",
     title="It learns the worst arm",
     statement=r"""
         One step of gradient ascent on $L^{CLIP}$ ({eq}`eq-ppo-49`) for a bandit with a softmax policy: `h` holds the preferences, `actions` the arms that were pulled, `logp_old` and `advantage` what belongs to them. The lines were taken from a program whose optimizer descends. With them the best arm dies out first. Mend one line.
@@ -844,6 +876,8 @@ def _clip_epochs(h, actions, advantage, clip, alpha, n_epochs):
 Exercise(
     id="ch08-bug-old-policy",
     kind="find the bug",
+    tier="more",
+    section="Clipping: PPO",
     title="The clip that never clips",
     statement=r"""
         Several epochs of ascent on $L^{CLIP}$ with the same data, for a bandit with a softmax policy over the preferences `h`. Whatever `clip` is, 0.01 or 100, this program returns the same, and after many epochs the policy has run away. Find out why, and mend it.
@@ -918,9 +952,11 @@ Exercise(
 Exercise(
     id="ch08-full-loss",
     kind="fill in",
+    tier="core",
+    section="Three terms",
     title="What the optimizer gets",
     statement=r"""
-        An optimizer such as Adam *descends*. Return the number that it has to get, so that the objective of PPO ({eq}`eq-ppo-50`, with $L^{VF}$ the squared error) grows: `l_clip`, `v`, `target` and `entropy` are arrays with an entry for each step: the clipped term, $\hat v(s_t)$, its target, and the entropy of the policy.
+        An optimizer such as Adam *descends*. Return the number that it has to get, so that the objective of PPO ({eq}`eq-ppo-50`, with $L^{VF}$ the squared error) grows: `l_clip`, `v`, `target` and `entropy` are arrays with an entry for each step: the clipped term, $\hat v(s_t)$, its target, and the entropy of the policy; `c1` and `c2` are the two coefficients.
     """,
     stub="""
         def full_loss(l_clip, v, target, entropy, c1, c2):
@@ -975,6 +1011,8 @@ Exercise(
 Exercise(
     id="ch08-bug-entropy",
     kind="find the bug",
+    tier="more",
+    section="Three terms",
     title="A bonus for making up one's mind",
     statement=r"""
         The entropy term of {eq}`eq-ppo-50` on its own: one step of the preferences `h` that should make the policy a little less decided, by ascent on $c_2 S$. With this program PPO stops exploring within a few updates, the sooner the larger $c_2$ is. Mend it.
@@ -1032,6 +1070,8 @@ def _bernoulli(p, q):
 Exercise(
     id="ch08-two-kls",
     kind="by hand",
+    tier="core",
+    section="Distance between policies",
     title="There is not as far as back",
     statement=r"""
         The old policy takes two actions with the probabilities 0.5 and 0.5, the new one with 0.9 and 0.1. Compute $KL[\pi_{\theta_{old}}, \pi_\theta]$, as in {eq}`eq-ppo-45`, and $KL[\pi_\theta, \pi_{\theta_{old}}]$, with natural logarithms. Bind the two numbers, in this order, to `two_kls`.
@@ -1072,6 +1112,8 @@ Exercise(
 Exercise(
     id="ch08-mean-kl",
     kind="fill in",
+    tier="more",
+    section="Distance between policies",
     title="How far is the new policy?",
     statement=r"""
         `old` and `new` are `(B, A)`: the probabilities of the old and of the new policy in the states of a rollout. Return the left side of the constraint ({eq}`eq-ppo-45`), a number. The new policy gives every action a chance, the old one may not.
@@ -1142,6 +1184,8 @@ def _sigmoid(z):
 Exercise(
     id="ch08-predict-distances",
     kind="predict",
+    tier="deep",
+    section="Distance between policies",
     title="The same step, twice",
     statement=r"""
         A policy with one parameter takes the first of two actions with probability $\sigma(\theta)$. It moves from $\theta = 0$ to 1, and another time from 6 to 7. Predict how much farther the first step takes the policy than the second, as far as the KL is concerned: twice, ten times, a hundred times? Then compute
@@ -1187,9 +1231,11 @@ Exercise(
 Exercise(
     id="ch08-penalty",
     kind="fill in",
+    tier="deep",
+    section="A penalty instead",
     title="A rubber band",
     statement=r"""
-        One step in one state, with a softmax policy: `h` holds the new preferences, `h_old` the old ones, `a` is the action, `advantage` a number. Return the gradient of the penalised objective ({eq}`eq-ppo-46`) with respect to `h`, an array like it.
+        One step in one state, with a softmax policy: `h` holds the new preferences, `h_old` the old ones, `a` is the action, `advantage` a number, `beta` the coefficient of the KL. Return the gradient of the penalised objective ({eq}`eq-ppo-46`) with respect to `h`, an array like it.
     """,
     setup=SOFTMAX,
     stub="""
@@ -1255,6 +1301,8 @@ def _betas(beta, kls, d_target):
 Exercise(
     id="ch08-adaptive-beta",
     kind="fill in",
+    tier="deep",
+    section="A penalty instead",
     title="A penalty that finds its size",
     statement=r"""
         After an update that moved the policy by a mean KL of $d$, the adaptive variant halves $\beta$ if $d < d_{targ} / 1.5$, doubles it if $d > 1.5 \, d_{targ}$, and leaves it as it is otherwise. `beta` is the first coefficient, `kls` holds the KL of each update. Return the array of all coefficients: the first one, and the one after each update.
@@ -1336,6 +1384,8 @@ def _spd(rng, n):
 Exercise(
     id="ch08-conjugate-gradient",
     kind="fill in",
+    tier="deep",
+    section="Solving without the matrix",
     title="Without the matrix",
     statement=r"""
         TRPO needs the $x$ with $H x = g$ for a matrix of ten thousand rows, of which it can only afford products $H p$. Conjugate gradient starts with $x = 0$ and $r = p = b$, and repeats: $\alpha = r \cdot r / (p \cdot H p)$; $x$ moves by $\alpha p$; the residual $r$ loses $\alpha H p$; the next direction is the new $r$ plus
@@ -1406,6 +1456,8 @@ def _natural_step(g, H, delta):
 Exercise(
     id="ch08-step-length",
     kind="fill in",
+    tier="deep",
+    section="Solving without the matrix",
     title="As far as the KL allows",
     statement=r"""
         Near the old policy the mean KL of a step $s$ is $\frac 1 2 s \cdot H s$, and the surrogate grows by $g \cdot s$. Return the step that makes the most of $g \cdot s$ while this KL is at most `delta`: along the natural gradient $x$ with $H x = g$, as long as possible. `H` is `(n, n)`, symmetric and positive definite.
@@ -1468,6 +1520,8 @@ def _line_search(h, step, advantage, delta, n_tries):
 Exercise(
     id="ch08-bug-line-search",
     kind="find the bug",
+    tier="deep",
+    section="Trust regions: TRPO",
     title="A search that is content too soon",
     statement=r"""
         TRPO halves its step until it is good enough, here for a bandit: `h` holds the preferences, `step` is the full step, `advantage` has the exact advantage of every arm, so the surrogate ({eq}`eq-ppo-44`) is `new @ advantage`. If none of `n_tries` lengths will do, `h` stays. The policies of this program
@@ -1552,6 +1606,8 @@ Exercise(
 Exercise(
     id="ch08-build-score",
     kind="build",
+    tier="deep",
+    section="What else changes results",
     title="The score of figure 61",
     statement=r"""
         Eleven settings on seven tasks with returns from $-100$ to 5000: how does one rank them? Build the score. `returns` is `(settings, tasks, seeds)`, `random` `(tasks,)` holds the return of a random policy. Shift and scale the returns of each task so that the random policy gets 0 and the best run of the task 1,
@@ -1632,6 +1688,8 @@ def _violations():
 Exercise(
     id="ch08-claim-bound",
     kind="experiment",
+    tier="deep",
+    section="Climbing by bounds",
     title="Is the penalised objective a lower bound?",
     statement=r"""
         *The penalised objective ({eq}`eq-ppo-46`) is a lower bound on the performance.* Test it on the recycling robot with $\gamma = 0.9$. The old policy chooses uniformly among the legal actions: `old = old_policy(mdp, mdp.legal / mdp.legal.sum(axis=1, keepdims=True), 0.9)`. Draw 500 new ones as `pis = rng.random((500, 2, 3)) * mdp.legal`

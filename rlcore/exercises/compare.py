@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import Decimal
 from typing import Any
@@ -24,6 +24,14 @@ class Opaque:
 
 
 @dataclass(frozen=True)
+class Judged:
+    """What is wanted where many results are right: in words, and judge(result), which is None or what is wrong."""
+
+    text: str
+    judge: Callable[[Any], str | None]
+
+
+@dataclass(frozen=True)
 class Rule:
     """How two results are compared.
 
@@ -39,6 +47,8 @@ class Rule:
 
 def difference(got: Any, expected: Any, rule: Rule) -> str | None:
     """None where got is expected by the rule; otherwise what is wrong, in one sentence."""
+    if isinstance(expected, Judged):
+        return expected.judge(got)
     if isinstance(expected, FiniteMDP):
         return _mdp_difference(got, expected)
     if isinstance(expected, np.ndarray):
@@ -215,7 +225,7 @@ def kind(value: Any) -> str:
 
 def show(value: Any) -> str:
     """A value in a few lines, cut in the middle."""
-    if isinstance(value, Opaque):
+    if isinstance(value, (Opaque, Judged)):
         return value.text
     if isinstance(value, np.ndarray):
         text = np.array2string(value, precision=6, suppress_small=True, threshold=40, edgeitems=3, separator=", ")

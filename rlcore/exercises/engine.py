@@ -7,10 +7,12 @@ import inspect
 import json
 import os
 import re
+import sys
 import textwrap
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from functools import cache
 from types import FunctionType, SimpleNamespace
 from typing import Any
 
@@ -27,8 +29,8 @@ class Case:
     """One call of the answer: its arguments by name, and what it must give.
 
     given: dict of argument name -> value, empty where the answer is no function but a value. expected: from
-    rlcore, a closed form or a committed number. tol: largest absolute and relative difference. printed: whether the
-    statement shows this case; at least one case of an exercise must not be.
+    rlcore, a closed form or a committed number; or Judged, where many results are right. tol: largest absolute and
+    relative difference. printed: whether the statement shows this case; at least one case of an exercise must not be.
     """
 
     given: dict
@@ -49,18 +51,22 @@ class Wrong:
     message: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Exercise:
     """One exercise, whole: page, notebook, check and tests are made from this.
 
-    id: "chNN-words". kind: one of KINDS. statement, hints: Markdown. stub, solution: source that binds `name`, to a
-    function or a value. cases: rng -> list of Case. minutes: estimate for a reader of the chapter. covers: ids of the
-    concordance. seconds: time limit of a check. digits: significant ones of each number that are enough, which the page
-    says; None where numbers are exact or come from a program.
+    id: "page-words", such as "ch01-first-visit". kind: one of KINDS. tier: one of TIERS. section: heading of the
+    chapter that links here; empty in a longer build. statement, hints: Markdown. stub, solution: source that binds
+    `name`, to a function or a value. cases: rng -> list of Case. minutes: estimate for a reader of the chapter.
+    covers: ids of the concordance. uses: ids of earlier steps whose functions the answer calls. seconds: time limit of
+    a check. digits: significant ones of each number that are enough, which the page says; None where numbers are exact
+    or come from a program.
     """
 
     id: str
     kind: str
+    tier: str
+    section: str = ""
     title: str
     statement: str
     stub: str
@@ -70,6 +76,7 @@ class Exercise:
     wrong: tuple
     minutes: int
     covers: tuple
+    uses: tuple = ()
     seconds: float = 20.0
     digits: int | None = None
     setup: str = "import numpy as np"
@@ -87,6 +94,8 @@ class Exercise:
         object.__setattr__(self, "name", names[-1])
         problems = [
             (self.kind in KINDS, f"kind {self.kind!r} is not one of {KINDS}"),
+            (self.tier in TIERS, f"tier {self.tier!r} is not one of {TIERS}"),
+            (set(self.uses) <= set(EXERCISES), "uses steps that are not declared before it"),
             (len(self.hints) >= 2, "needs at least two hints"),
             (len(self.wrong) >= 3, "needs at least three wrong answers"),
             (self.id not in EXERCISES, "is declared twice"),
@@ -118,9 +127,14 @@ class Exercise:
                 yield node.targets[0].id
 
     def bind(self, source: str) -> Any:
-        """What `source` gives the exercise's name: a function or a value."""
+        """What `source` gives the exercise's name, after the solutions of earlier steps: a function or a value."""
         scope = {"__name__": self.id}
-        for part in (self.setup, source):  # apart, as in the cells of a notebook: together they compile to other code
+        earlier = [part for id in self.uses for part in (EXERCISES[id].setup, EXERCISES[id].solution)]
+        for part in (
+            *earlier,
+            self.setup,
+            source,
+        ):  # apart, as in the cells of a notebook: together they compile otherwise
             exec(compile(part, f"<{self.id}>", "exec"), scope)
         return scope[self.name]
 
@@ -141,6 +155,15 @@ class Exercise:
 
 
 KINDS = ("fill in", "by hand", "find the bug", "predict", "build", "experiment")
+TIERS = ("core", "more", "deep")
+
+
+def on_page(page: str) -> list[Exercise]:
+    """The exercises of a page, such as "ch01", as they stand there: by tier and minutes; steps as they are declared."""
+    mine = [exercise for id, exercise in EXERCISES.items() if id.partition("-")[0] == page]
+    if any(exercise.uses for exercise in mine):
+        return mine
+    return sorted(mine, key=lambda exercise: (TIERS.index(exercise.tier), exercise.minutes))
 
 
 @dataclass(frozen=True)
@@ -153,6 +176,20 @@ class Question:
     def __post_init__(self) -> None:
         if sum(bool(right) for _, right, _ in self.choices) != 1:
             raise ValueError(f"question {self.text!r}: exactly one choice must be right")
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Something to prove on paper: Markdown of what is claimed, what a proof must contain, and one that is whole."""
+
+    title: str
+    statement: str
+    needs: tuple
+    proof: str
+
+    def __post_init__(self) -> None:
+        for part in ("statement", "proof"):
+            object.__setattr__(self, part, textwrap.dedent(getattr(self, part)).strip())
 
 
 @dataclass(frozen=True)
@@ -190,12 +227,47 @@ check.case = None  # type: ignore[attr-defined]
 
 def _find(id):
     if not isinstance(id, str) or id not in EXERCISES:
-        close = [name for name in EXERCISES if name.startswith(str(id)[:4])]
+        close = [name for name in EXERCISES if name.partition("-")[0] == str(id).partition("-")[0]]
         raise ValueError(f"id: got {id!r}, must be one of {sorted(close or EXERCISES)}")
     return EXERCISES[id]
 
 
 def _check(exercise, answer):
+    verdict = _verdict(exercise, answer)
+    return _earlier(exercise, answer) or verdict if verdict.status in ("failed", "error") else verdict
+
+
+def _earlier(exercise, answer):
+    """What is wrong with an earlier step of the learner's that this answer calls; None where all of them are right."""
+    case, function = check.case, isinstance(answer, FunctionType)
+    scope = answer.__globals__ if function else vars(sys.modules["__main__"])
+    called = set(_names(answer.__code__)) if function else set(scope)
+    for step in [EXERCISES[id] for id in exercise.uses if EXERCISES[id].name in called]:
+        if step.name not in scope:
+            return Verdict("failed", f"`{step.name}` is missing, which this step calls: do {step.title!r} first")
+        verdict = _check(step, scope[step.name])
+        if verdict.status != "passed":
+            alone = function and _verdict(exercise, _with_right_steps(exercise, answer)).status == "passed"
+            what = "not attempted yet" if verdict.status == "not attempted" else f"wrong: {verdict.message}"
+            return Verdict("failed", f"{'this step is right; ' * alone}the earlier step `{step.name}` is {what}")
+        check.case = case
+    return None
+
+
+def _with_right_steps(exercise, answer):
+    right = {EXERCISES[id].name: EXERCISES[id].bind(EXERCISES[id].solution) for id in exercise.uses}
+    scope = {**answer.__globals__, **right}
+    return FunctionType(answer.__code__, scope, answer.__name__, answer.__defaults__, answer.__closure__)
+
+
+def _names(code):
+    yield from code.co_names
+    for part in code.co_consts:
+        if inspect.iscode(part):
+            yield from _names(part)
+
+
+def _verdict(exercise, answer):
     stub, function = exercise.bind(exercise.stub), exercise.is_function
     untouched = Verdict("not attempted", f"write your answer in `{exercise.name}`, then run the check again")
     if function and _same_code(stub, answer):
@@ -250,23 +322,40 @@ def _problem(got, case, rule):
 
 def _known_mistake(exercise, cases, results, rules):
     """The message of the usual mistake that gives these results, where they are telling enough."""
-    close = [replace(rule, tol=max(rule.tol, 1e-3)) if rule.digits else rule for rule in rules]
-    for wrong in exercise.wrong:
-        answer = exercise.bind(wrong.source)
-        try:
-            outputs = [_call(answer, case.given)[0] for case in cases] if exercise.is_function else [answer]
-            same = all(not difference(g, o, rule) for (g, _), o, rule in zip(results, outputs, close, strict=True))
-        except Exception:  # this mistake crashes on these cases; an answer that ran did not make it
-            continue
-        if same:
-            return wrong.message if telling(outputs) else None
+    for message, outputs in _mistakes(exercise):
+        if all(_same(got, *row) for (got, _), *row in zip(results, outputs, rules, strict=True)):
+            return message if telling(outputs, cases[0].tol) else None
     return None
 
 
-def telling(outputs: list) -> bool:
-    """Whether results name their mistake: a few zeros and ones, or yes and no, come from many."""
+def _same(got, output, rule):
+    try:
+        return not difference(got, output, rule)
+    except Exception:  # no kind of result that any exercise asks for
+        return False
+
+
+@cache
+def _mistakes(exercise):
+    """(message, results) of each usual mistake; one that crashes was not made by an answer that ran."""
+    found = []
+    for wrong in exercise.wrong:
+        try:
+            found.append((wrong.message, [plain(got) for got, _ in _results(exercise, exercise.bind(wrong.source))]))
+        except Exception:
+            continue
+    return found
+
+
+def telling(outputs: list, tol: float = 0.0) -> bool:
+    """Whether results name their mistake: a few zeros and ones, or yes and no, come from many.
+
+    So do numbers of any count that need only be near 0 or 1.
+    """
     values = list(_leaves(outputs))
-    return len(values) >= 8 or any(value is None or abs(value) not in (0, 1) for value in values)
+    if any(value is None or min(abs(value), abs(abs(value) - 1)) > tol for value in values):
+        return True
+    return len(values) >= 8 and tol < 1e-3
 
 
 def _leaves(value):

@@ -5,11 +5,12 @@ from __future__ import annotations
 import html
 import json
 import re
+import unicodedata
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rlcore.exercises.engine import EXERCISES, Verdict
+from rlcore.exercises.engine import Verdict, on_page
 
 KIND = {
     "fill in": "fill in the update",
@@ -64,18 +65,22 @@ def _programs(notebook):
 
 
 def build(module: Any) -> dict[str, Any]:
-    """The notebook of one chapter as a dictionary, with the outputs that an untouched copy shows."""
-    prefix = module.__name__.rpartition(".")[2].split("_")[0]
-    mine = [exercise for id, exercise in EXERCISES.items() if id.startswith(prefix + "-")]
+    """The notebook of one module of declarations as a dictionary, with the outputs that an untouched copy shows."""
+    mine = on_page(page_of(module))
     cells = [_markdown(_head(module, mine)), _code(_setup(mine))]
     labels = {**KIND, **getattr(module, "LABELS", {})}
     for number, exercise in enumerate(mine, 1):
-        cells.append(_markdown(_statement(exercise, number, labels[exercise.kind])))
+        if number == 1 or exercise.tier != mine[number - 2].tier:
+            cells.append(_markdown(_tier(exercise.tier, mine, module)))
+        cells.append(_markdown(_statement(exercise, number, labels[exercise.kind], module)))
         cells.append(_code(exercise.stub))
         verdict = Verdict("not attempted", f"write your answer in `{exercise.name}`, then run the check again")
-        cells.append(_code(f'check("{exercise.id}", {exercise.name})', str(verdict), tag=f"check-{exercise.id}"))
+        source = f'check("{exercise.id}", {exercise.name})'
+        cells.append(_code(source, str(verdict), [f"check-{exercise.id}", "remove-output"]))
         cells.append(_markdown(_folded(exercise)))
-    cells.append(_markdown(_questions(module.QUESTIONS)))
+    for part, write in (("PROOFS", _proofs), ("QUESTIONS", _questions)):
+        if declared := getattr(module, part, ()):
+            cells.append(_markdown(write(declared)))
     for number, cell in enumerate(cells, 1):
         cell["id"] = f"c{number:03d}"
     count = 0
@@ -90,16 +95,40 @@ def build(module: Any) -> dict[str, Any]:
     return {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
 
 
+def page_of(module: Any) -> str:
+    """What the ids of a module's exercises begin with: ch01 of ch01_mdp, agent of agent_steps."""
+    return module.__name__.rpartition(".")[2].partition("_")[0]
+
+
+HOW = """Write your answer in the cell below a statement and run the check under it: it runs your answer on cases of its
+own, stops what never ends, and names the mistake where it is a usual one. `hint("{id}")` shows the hints one after the
+other, `solution(...)` the solution after them; on the page both are folded below each exercise.
+
+**How to work on it:** `make lab` opens the notebook in JupyterLab; on a fork, the workflow *exercises* checks each push
+of it; the button with the arrow at the top of the page downloads it."""
+
+
 def _head(module, exercises):
     minutes = sum(exercise.minutes for exercise in exercises)
-    chapter = f"[chapter](../{module.NOTEBOOK}.ipynb)"
-    return f"""# {module.TITLE}
+    chapter = f"on this [chapter](../{module.NOTEBOOK}.ipynb)"
+    what = getattr(module, "INTRO", f"{len(exercises)} exercises, about {minutes} minutes in all, {chapter}.")
+    return f"# {module.TITLE}\n\n{what.format(minutes=minutes)} {HOW.format(id=exercises[0].id)}"
 
-{len(exercises)} exercises, about {minutes} minutes in all, on this {chapter}. Write your answer in the cell below a
-statement and run the check under it. The check runs your answer on cases of its own, stops it if it never ends, and
-names the mistake where it is a usual one. `hint("{exercises[0].id}")` shows the hints one after the other,
-`solution(...)` the solution after them; on the page both are folded below each exercise. The button with the arrow at
-the top of the page downloads this notebook."""
+
+TIER = {
+    "core": "what every reader of the chapter should be able to do",
+    "more": "for practice, and for the places where programs go wrong",
+    "deep": "longer, or closer to research",
+}
+
+
+def _tier(tier, exercises, module):
+    mine = [exercise for exercise in exercises if exercise.tier == tier]
+    if hasattr(module, "INTRO"):
+        return f"## Steps\n\n{len(mine)} steps; each uses those before it."
+    minutes = sum(exercise.minutes for exercise in mine)
+    count = "One exercise" if len(mine) == 1 else f"{len(mine)} exercises"
+    return f"## {tier.capitalize()}\n\n{count}, about {minutes} minutes: {TIER[tier]}."
 
 
 def _setup(exercises):
@@ -107,17 +136,24 @@ def _setup(exercises):
     return "\n".join([*lines, "", "from rlcore.exercises import check, hint, solution"])
 
 
-def _statement(exercise, number, label):
+def _statement(exercise, number, label, module):
     minutes = "1 minute" if exercise.minutes == 1 else f"{exercise.minutes} minutes"
     words = {3: "three", 4: "four", 5: "five", 6: "six"}
     digits = f" Numbers to {words[exercise.digits]} digits, or as formulas." if exercise.digits else ""
+    section = f" On [{exercise.section}](../{module.NOTEBOOK}.ipynb#{slug(exercise.section)})." * bool(exercise.section)
     return f"""<span id="{exercise.id}"></span>
 
-## {number}. {exercise.title}
+### {number}. {exercise.title}
 
-*{label.capitalize()}; about {minutes}.*
+*{label.capitalize()}; about {minutes}.*{section}
 
 {_with_links(exercise.statement)}{digits}"""
+
+
+def slug(heading: str) -> str:
+    """The id that a heading has on its page."""
+    text = unicodedata.normalize("NFKD", re.sub(r"[$`*\\]", "", heading)).encode("ascii", "ignore").decode().lower()
+    return re.sub(r"[^a-z0-9]+", "-", text).strip("-")
 
 
 def _with_links(text):
@@ -126,7 +162,8 @@ def _with_links(text):
     def link(found):
         series, number = found.groups()
         page = PAGES_AGAIN[series] if series else next(page for last, page in PAGES if int(number) <= last)
-        return f"[equation ({int(page[:2])}.{number})](../{page}.ipynb)"
+        label = found[0].split("`")[1]
+        return f"[equation ({int(page[:2])}.{number})](../{page}.ipynb#{label})"
 
     return re.sub(r"\{eq\}`eq-(?:(nn|rf|ppo)-)?(\d+)`", link, text)
 
@@ -149,13 +186,23 @@ def _questions(questions):
     return "\n\n".join(parts)
 
 
+def _proofs(proofs):
+    parts = ["## Proofs", "On paper. When you are done, see whether all of it is there, and compare."]
+    for number, proof in enumerate(proofs, 1):
+        needs = "\n".join(f"* {need}" for need in proof.needs)
+        parts.append(f"**Proof {number}. {proof.title}.** {_with_links(proof.statement)}")
+        parts.append(_details("What a proof must contain", needs))
+        parts.append(_details("A proof", _with_links(proof.proof)))
+    return "\n\n".join(parts)
+
+
 def _markdown(text):
     return {"cell_type": "markdown", "id": "", "metadata": {}, "source": _lines(text)}
 
 
-def _code(source, output=None, tag=None):
+def _code(source, output=None, tags=()):
     data = {"data": {"text/plain": _lines(output)}, "metadata": {}, "output_type": "execute_result"} if output else None
-    metadata = {"tags": [tag]} if tag else {}
+    metadata = {"tags": list(tags)} if tags else {}
     return {
         "cell_type": "code",
         "execution_count": None,

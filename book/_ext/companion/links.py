@@ -1,5 +1,5 @@
 """Short ways to link: {task}`ch01-first-visit` to an exercise, {tasks}`01_mdp` to all of a page, {fn}`td.sarsa` to the
-API."""
+API; and from exercises to places in chapters."""
 
 import json
 import re
@@ -12,7 +12,8 @@ from sphinx.util.docutils import SphinxRole
 from companion.ledger import link
 
 logger = logging.getLogger(__name__)
-HEADING = re.compile(r'<span id="([\w-]+)"></span>\s*\n+## (\d+)\. (.+)')
+HEADING = re.compile(r'<span id="([\w-]+)"></span>\s*\n+### (\d+)\. (.+)')
+PLACE = re.compile(r"\[([^]\[]+)\]\(((?:\.\./)?\w+)\.ipynb#([\w-]+)\)")
 
 
 def exercises(srcdir, page):
@@ -61,6 +62,13 @@ class Function(Link):
         return [link(nodes.literal("", self.text.rpartition(".")[2]), f"{self.up()}appendix_api.html#{name}")], []
 
 
+def follow_places(app, docname, source):
+    """In notebooks of exercises [words](../page.ipynb#place) leads to the place on the page."""
+    if docname.startswith("book/exercises/"):
+        source[0] = PLACE.sub(r"<a class='reference internal' href='\2.html#\3'>\1</a>", source[0])
+
+
 def setup(app):
+    app.connect("source-read", follow_places)
     for name, role in {"task": Task, "tasks": Tasks, "fn": Function}.items():
         app.add_role(name, role())
