@@ -83,6 +83,7 @@ outputs: $(STAMP)
 mutation: $(STAMP)
 	@$(BIN)/python tests/mutation.py
 	@$(BIN)/python tests/mutation_exercises.py
+	@$(BIN)/python tests/mutation_exercises.py --named
 
 # break the code once or more for each row of the ledger: its own check must notice (an hour, resumable)
 rows: $(STAMP)

@@ -2,9 +2,12 @@
 
     python tests/mutation_exercises.py [id or beginning of ids ...]     all where none is named
     python tests/mutation_exercises.py --list ...                       what passes, as lines for the list of excuses
+    python tests/mutation_exercises.py --named ...                      which mistakes are named for the changes
 
 A change that passes is equivalent, and listed with its reason in tests/mutation_exercises_allowed.txt, or the cases are
-too kind. Exit status 1 where one is not listed, or a listed one is no longer there.
+too kind. A change that is in no catalogue and gets the name of a mistake all the same was looked at: it is that mistake,
+written otherwise, and listed in tests/mutation_exercises_named.txt with the beginning of what is said of it; or cases or
+words are mended until it is. Exit status 1 where one is not listed, or a listed one is no longer there.
 """
 
 import ast
@@ -18,9 +21,11 @@ from pathlib import Path
 import mutation
 import numpy as np
 
-from rlcore.exercises import EXERCISES
+from rlcore.exercises import EXERCISES, engine
 from rlcore.exercises.compare import difference, unchanged
+from rlcore.exercises.sandbox import plain
 
+NAMED = Path(__file__).parent / "mutation_exercises_named.txt"
 ALLOWED = Path(__file__).parent / "mutation_exercises_allowed.txt"
 SECONDS = 2.0  # for all cases of an exercise
 SWAPS = {
@@ -108,9 +113,66 @@ def survivors(exercise):
     return n, alive
 
 
+def results_of(exercise, cases, program):
+    """What the answer that the program binds gives, as the checker has it; None where it raises or takes too long."""
+    signal.signal(signal.SIGALRM, _stop)
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    try:
+        answer = exercise.bind(program)
+        return [engine.call(answer, c.given) for c in cases] if exercise.is_function else [(plain(answer), None)]
+    except (Exception, TooSlow):
+        return None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def named(exercise):
+    """(number of changes that fail and are not catalogued, {name: message} of those that get a catalogued message)."""
+    cases, n, found = exercise.make_cases(), 0, {}
+    rules = [exercise.rule(case) for case in cases]
+    known = {ast.dump(ast.parse(wrong.source)) for wrong in exercise.wrong}
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        for name, program in mutants(exercise):
+            if ast.dump(ast.parse(program.partition("\n")[2])) in known:
+                continue
+            results = results_of(exercise, cases, program)
+            if results and any(engine.problem_of(exercise, got, case) for (got, _), case in zip(results, cases)):
+                n += 1
+                if message := engine.known_mistake(exercise, cases, results, rules):
+                    found[name] = message
+    return n, found
+
+
+def judged():
+    """{name: beginning of the message} of the changes that are a catalogued mistake, written otherwise."""
+    rows = NAMED.read_text(encoding="utf-8").splitlines()
+    return dict(row.split("  => ", 1) for row in rows if row.strip() and not row.startswith("#"))
+
+
+def report_named(chosen, as_list):
+    looked_at, total, count, left = judged(), 0, 0, 0
+    for exercise in chosen:
+        n, found = named(exercise)
+        total, count = total + n, count + len(found)
+        new = [name for name, message in found.items() if not message.startswith(looked_at.get(name, "\0"))]
+        gone = [name for name in looked_at if name.startswith(f"{exercise.id}: ") and name not in found]
+        left += len(new) + len(gone)
+        for name in new:
+            print(f"{name}  => {found[name][:60]}" if as_list else f"named: {name}\n    {found[name]}", flush=True)
+        for name in gone:
+            print(f"no longer named: {name}", flush=True)
+    if not as_list:
+        print(f"{len(chosen)} exercises, {total} changes that fail, {count} named, {left} not judged")
+    return int(left > 0)
+
+
 def main(arguments):
     wanted = tuple(a for a in arguments if not a.startswith("-"))
-    chosen = [e for id, e in EXERCISES.items() if e.is_function and id.startswith(wanted or "")]
+    chosen = [e for id, e in EXERCISES.items() if id.startswith(wanted or "")]
+    if "--named" in arguments:
+        return report_named(chosen, "--list" in arguments)
+    chosen = [e for e in chosen if e.is_function]
     excuses, total, left = allowed(), 0, 0
     for exercise in chosen:
         n, alive = survivors(exercise)

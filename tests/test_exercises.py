@@ -61,7 +61,7 @@ def run_here(function, seconds):
     before = sys.gettrace()
     sys.settrace(trace)
     try:
-        status, value, _ = sandbox._unpack(sandbox._pack(*_attempt(function), []))
+        status, value, _ = sandbox.unpack(sandbox.pack(*_attempt(function), []))
     finally:
         sys.settrace(before)
     if status == "crash":

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rlcore.envs import random_mdp, recycling_robot
-from rlcore.exercises.engine import Case, Exercise, Question, Wrong
+from rlcore.exercises.engine import Case, Exercise, Proof, Question, Wrong
 from rlcore.mdp import FiniteMDP, discounted_returns
 
 TITLE = "Exercises: Markov decision processes"
@@ -16,24 +16,24 @@ Exercise(
     section="A return contains the next return",
     title="One return with pencil and paper",
     statement=r"""
-        An episode pays $R_1 = 3$, $R_2 = 2$, $R_3 = -4$, $R_4 = 24$ and ends. With $\gamma = 0.5$, what is $G_0$
+        An episode pays $R_1 = 5$, $R_2 = 2$, $R_3 = -4$, $R_4 = 24$ and ends. With $\gamma = 0.5$, what is $G_0$
         ({eq}`eq-7`)? Bind the number to `G0`.
     """,
     stub="G0 = ...",
-    cases=lambda rng: [Case({}, float(discounted_returns([3, 2, -4, 24], 0.5)[0]))],
+    cases=lambda rng: [Case({}, float(discounted_returns([5, 2, -4, 24], 0.5)[0]))],
     hints=(
         "The first reward counts in full; each later one is halved once more than the one before.",
-        "The four terms are $3$, $2/2$, $-4/4$ and $24/8$.",
+        "The four terms are $5$, $2/2$, $-4/4$ and $24/8$.",
     ),
-    solution="G0 = 3 + 0.5 * 2 + 0.25 * -4 + 0.125 * 24",
+    solution="G0 = 5 + 0.5 * 2 + 0.25 * -4 + 0.125 * 24",
     wrong=(
-        Wrong("G0 = 3 + 2 - 4 + 24", "gamma is missing: this is the plain sum of the rewards"),
+        Wrong("G0 = 5 + 2 - 4 + 24", "gamma is missing: this is the plain sum of the rewards"),
         Wrong(
-            "G0 = 0.5 * 3 + 0.25 * 2 + 0.125 * -4 + 0.0625 * 24",
+            "G0 = 0.5 * 5 + 0.25 * 2 + 0.125 * -4 + 0.0625 * 24",
             "the first reward is discounted already: R_1 counts with gamma to the power 0",
         ),
         Wrong(
-            "G0 = 3 + 0.5 * 3",
+            "G0 = 5 + 0.5 * 5",
             "this is the misprinted recursion R_1 + gamma R_1; the second term must be gamma times the return G_1",
         ),
     ),
@@ -504,6 +504,38 @@ Exercise(
     minutes=25,
     covers=("eq-10", "alg-mc-prediction"),
 )
+
+PROOFS = (
+    Proof(
+        "Rewards that change nothing",
+        r"""
+        Let $\Phi$ be any bounded function of the states, 0 in terminal ones. Somebody pays
+        $R'_{t+1} = R_{t+1} + \gamma \Phi(S_{t+1}) - \Phi(S_t)$ in place of $R_{t+1}$, to help the agent along. Let $\gamma < 1$, or let
+        every episode end. Show that under every policy $v'_\pi(s) = v_\pi(s) - \Phi(s)$, and that therefore the same
+        policies are best.
+        """,
+        (
+            "The new return as a sum, with both kinds of added terms written out.",
+            "The added terms cancel in pairs: $\\gamma^{k+1} \\Phi(S_{t+k+1})$ comes once with plus and once with minus.",
+            "What is left at the far end goes to 0: because $\\Phi$ is bounded and $\\gamma < 1$, or because the last state is terminal.",
+            "The expectation given $S_t = s$, and that $\\Phi(s)$ does not depend on the policy.",
+        ),
+        r"""
+        The return of $T$ steps from $t$ on is
+
+        $$
+        \sum_{k=0}^{T-1} \gamma^k R'_{t+k+1} = \sum_{k=0}^{T-1} \gamma^k R_{t+k+1} + \sum_{k=0}^{T-1} \left( \gamma^{k+1} \Phi(S_{t+k+1}) - \gamma^k \Phi(S_{t+k}) \right) .
+        $$
+
+        In the last sum each term $\gamma^k \Phi(S_{t+k})$ with $0 < k < T$ comes with both signs; what is left is
+        $\gamma^T \Phi(S_{t+T}) - \Phi(S_t)$. If the episode ends at step $T$, then $\Phi(S_{t+T}) = 0$. If it goes on for ever, then
+        $\gamma < 1$, and $|\gamma^T \Phi(S_{t+T})| \le \gamma^T \max |\Phi|$ goes to 0. So $G'_t = G_t - \Phi(S_t)$ on every path. Taking the
+        expectation given $S_t = s$ under $\pi$ gives $v'_\pi(s) = v_\pi(s) - \Phi(s)$. For two policies
+        $v'_\pi(s) - v'_\mu(s) = v_\pi(s) - v_\mu(s)$ in every state, so their order is the same, and so are the best ones.
+        """,
+    ),
+)
+
 
 QUESTIONS = (
     Question(

@@ -4,7 +4,7 @@ import numpy as np
 
 from rlcore.bellman import expectation_backup, optimality_backup_q, q_from_v, solve_policy
 from rlcore.envs import random_mdp, recycling_robot
-from rlcore.exercises.engine import Case, Exercise, Question, Wrong
+from rlcore.exercises.engine import Case, Exercise, Proof, Question, Wrong
 from rlcore.mdp import FiniteMDP, uniform_policy
 
 TITLE = "Exercises: the Bellman equations"
@@ -419,7 +419,7 @@ Exercise(
     ),
     solution="d = next(d for d in range(1000) if 10 * 0.9**d <= 0.1)",
     wrong=(
-        Wrong("d = 43", "one step too few: the bound is still above 0.1 there, so round up"),
+        Wrong("d = 43", "one step too few: at this depth the bound is still above 0.1"),
         Wrong("d = 10", "10 is 1 / (1 - gamma); after that many steps the bound has only fallen to 3.5"),
         Wrong("d = 22", "this brings the bound to 1, not to 0.1"),
     ),
@@ -546,6 +546,34 @@ Exercise(
     minutes=10,
     covers=("eq-17", "ex-recycling"),
 )
+
+PROOFS = (
+    Proof(
+        "Two properties make a contraction",
+        r"""
+        An operator $T$ takes value functions to value functions. It is *monotone*: if $v(s) \le w(s)$ in all states, then
+        $(T v)(s) \le (T w)(s)$ in all states. And it *discounts*: for every number $c \ge 0$, $T (v + c) = T v + \gamma c$, where
+        $v + c$ adds $c$ in every state. Show that $\max_s |T v - T w| \le \gamma \max_s |v - w|$ for all $v$ and $w$, and check that
+        the operator of {eq}`eq-16` has both properties; let terminal states lead to themselves with the reward 0.
+        """,
+        (
+            "A bound of $v$ by $w$ plus a constant, with $c = \\max_s |v - w|$.",
+            "Monotone first, then discounting, in this order, and what each gives.",
+            "The other direction, with $v$ and $w$ exchanged: only both bound the absolute value.",
+            "For the operator: larger values make each backup larger, so also the largest; and a constant leaves the maximum as $\\gamma c$, because the probabilities sum to 1.",
+        ),
+        r"""
+        Let $c = \max_s |v(s) - w(s)|$. Then $v \le w + c$ in every state. Since $T$ is monotone and discounts,
+        $T v \le T (w + c) = T w + \gamma c$, that is $T v - T w \le \gamma c$ in every state. With $v$ and $w$ exchanged,
+        $T w - T v \le \gamma c$. Both together say $|T v - T w| \le \gamma c$ in every state, so the largest is at most $\gamma c$.
+
+        The operator of {eq}`eq-16` is $(T v)(s) = \max_a \sum_{s', r} p(s', r \mid s, a) (r + \gamma v(s'))$. If $v \le w$, each sum
+        with $v$ is at most that with $w$, since the probabilities are not negative; so is the largest sum. And with $v + c$ each
+        sum grows by $\sum_{s', r} p(s', r \mid s, a)\, \gamma c = \gamma c$, hence the maximum does.
+        """,
+    ),
+)
+
 
 QUESTIONS = (
     Question(

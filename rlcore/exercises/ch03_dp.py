@@ -4,7 +4,7 @@ import numpy as np
 
 from rlcore.dp import value_iteration
 from rlcore.envs import gridworld, random_mdp
-from rlcore.exercises.engine import Case, Exercise, Question, Wrong
+from rlcore.exercises.engine import Case, Exercise, Proof, Question, Wrong
 from rlcore.mdp import FiniteMDP
 from rlcore.planning import Transitions, estimate_model
 
@@ -745,6 +745,33 @@ Exercise(
     minutes=6,
     covers=("cl-037", "alg-value-iteration"),
 )
+
+PROOFS = (
+    Proof(
+        "Policy iteration never needs more rounds",
+        r"""
+        Let $\pi_{k+1}$ be greedy for $v_{\pi_k}$, and let $T_*$ be the operator of value iteration, $T_\pi$ that of a policy. Show that
+        $v_{\pi_{k+1}} \ge T_* v_{\pi_k}$ in every state, and conclude, with $\gamma < 1$, that after $k$ rounds policy iteration is at
+        least as near to $v_*$ as $k$ sweeps of value iteration that started from $v_{\pi_0}$.
+        """,
+        (
+            "Greedy means $T_{\\pi_{k+1}} v_{\\pi_k} = T_* v_{\\pi_k}$, and that is at least $T_{\\pi_k} v_{\\pi_k} = v_{\\pi_k}$.",
+            "$T_{\\pi_{k+1}}$ is monotone: applied again and again it can only raise the values.",
+            "Its repeated application converges to $v_{\\pi_{k+1}}$, because it is a contraction.",
+            "Induction over $k$, with $T_*$ monotone, and $v_*$ as an upper bound of both.",
+        ),
+        r"""
+        Write $v_k$ for $v_{\pi_k}$ and $T$ for $T_{\pi_{k+1}}$. Since $\pi_{k+1}$ is greedy, $T v_k = T_* v_k \ge T_{\pi_k} v_k = v_k$.
+        $T$ is monotone, so $T v_k \ge v_k$ gives $T^2 v_k \ge T v_k$, and so on: $T^n v_k \ge T v_k = T_* v_k$ for all $n \ge 1$. As
+        $n$ grows, $T^n v_k$ goes to the fixed point of the contraction $T$, which is $v_{k+1}$. So $v_{k+1} \ge T_* v_k$.
+
+        Let $u_k = T_*^k v_0$ be the values of value iteration. $v_0 \ge u_0$ holds, they are equal. If $v_k \ge u_k$, then
+        $v_{k+1} \ge T_* v_k \ge T_* u_k = u_{k+1}$, since $T_*$ is monotone. So $v_k \ge u_k$ for all $k$. No policy is worth more than
+        $v_*$, so $v_* \ge v_k \ge u_k$, and $0 \le v_* - v_k \le v_* - u_k$ in every state: policy iteration is at least as near.
+        """,
+    ),
+)
+
 
 QUESTIONS = (
     Question(

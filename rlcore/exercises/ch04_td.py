@@ -5,7 +5,7 @@ import numpy as np
 from rlcore.batch import batch_mc, certainty_equivalence
 from rlcore.bellman import greedy
 from rlcore.envs import cliff_walking, random_walk
-from rlcore.exercises.engine import Case, Exercise, Question, Wrong
+from rlcore.exercises.engine import Case, Exercise, Proof, Question, Wrong
 from rlcore.mdp import FiniteMDP, rollout, uniform_policy
 from rlcore.td import sarsa, td0
 
@@ -1139,6 +1139,38 @@ Exercise(
     ),
     minutes=25,
     covers=("cl-058", "fig-22", "alg-sarsa"),
+)
+
+
+PROOFS = (
+    Proof(
+        "The largest estimate is too large",
+        r"""
+        In some state the actions have the values $q_1, \dots, q_n$, and $X_1, \dots, X_n$ are estimates that are right on average,
+        $\mathbb E[X_i] = q_i$. Q-learning bootstraps from $\max_i X_i$. Show that $\mathbb E[\max_i X_i] \ge \max_i q_i$. Then let
+        $Y_1, \dots, Y_n$ be a second set of such estimates, independent of the first, and let $I$ be the place of the largest
+        $X$: show that $\mathbb E[Y_I] \le \max_i q_i$.
+        """,
+        (
+            "$\\max_i X_i \\ge X_j$ for every single $j$, in every outcome.",
+            "Expectations keep that inequality; then the best $j$ is chosen.",
+            "For the second part, the expectation given $I = i$: independence turns $\\mathbb E[Y_i \\mid I = i]$ into $q_i$.",
+            "A mean of the $q_i$ with the weights $P(I = i)$ is at most the largest of them.",
+        ),
+        r"""
+        In every outcome $\max_i X_i \ge X_j$ for each $j$, so $\mathbb E[\max_i X_i] \ge \mathbb E[X_j] = q_j$. This holds for every $j$, the
+        best one among them: $\mathbb E[\max_i X_i] \ge \max_j q_j$.
+
+        $I$ is computed from the $X$ alone, so each $Y_i$ is independent of it, and $\mathbb E[Y_i \mid I = i] = \mathbb E[Y_i] = q_i$. Then
+
+        $$
+        \mathbb E[Y_I] = \sum_i P(I = i)\, \mathbb E[Y_i \mid I = i] = \sum_i P(I = i)\, q_i \le \max_i q_i ,
+        $$
+
+        since the weights are not negative and sum to 1. Two tables, one that chooses and one that values, turn the
+        overestimate of a single one into an underestimate.
+        """,
+    ),
 )
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rlcore.envs import random_walk
-from rlcore.exercises.engine import Case, Exercise, Question, Wrong
+from rlcore.exercises.engine import Case, Exercise, Proof, Question, Wrong
 from rlcore.mdp import uniform_policy
 from rlcore.nstep import error_reduction, forward_increments, lambda_return, lambda_weights, n_step_return
 from rlcore.studies.ch04 import repeat, walk_error
@@ -1071,6 +1071,37 @@ Exercise(
     ),
     minutes=15,
     covers=("cl-061", "cl-062", "alg-td-lambda-acc", "ex-random-walk-19"),
+)
+
+
+PROOFS = (
+    Proof(
+        "How much trace there can be",
+        r"""
+        Accumulating traces ({eq}`eq-34`, {eq}`eq-35`) start at 0, and $\gamma \lambda < 1$. Show that at time $t$, the visit of $S_t$
+        included, they sum to $\sum_s E_t(s) = \left( 1 - (\gamma \lambda)^{t+1} \right) / (1 - \gamma \lambda)$, whatever states were visited. Conclude that no trace
+        exceeds $1 / (1 - \gamma \lambda)$, and say when one comes as near to that as you like.
+        """,
+        (
+            "One step of the sum: all traces fade by the same factor, and exactly one gains 1.",
+            "Induction from $t = 0$, or the geometric series written out.",
+            "Traces are not negative, so a single one is at most the sum of all.",
+            "The case in which the sum is a single trace: one state that is visited at every step.",
+        ),
+        r"""
+        Let $M_t = \sum_s E_t(s)$. At a step every trace is multiplied by $\gamma \lambda$, and that of the one state which is visited
+        gains 1, so $M_t = \gamma \lambda M_{t-1} + 1$ with $M_{-1} = 0$. For $t = 0$ this is 1, as the formula says. If
+        $M_{t-1} = (1 - (\gamma \lambda)^t) / (1 - \gamma \lambda)$, then
+
+        $$
+        M_t = \frac{\gamma \lambda - (\gamma \lambda)^{t+1} + 1 - \gamma \lambda}{1 - \gamma \lambda} = \frac{1 - (\gamma \lambda)^{t+1}}{1 - \gamma \lambda} .
+        $$
+
+        Which states were visited plays no part. A trace is never negative: it starts at 0, is multiplied by a number
+        that is not negative, and gains 1 at times. So $E_t(s) \le M_t \le 1 / (1 - \gamma \lambda)$. If one state is visited at every step,
+        all other traces stay 0, its own trace is $M_t$, and that goes to $1 / (1 - \gamma \lambda)$.
+        """,
+    ),
 )
 
 

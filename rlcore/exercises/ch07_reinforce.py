@@ -6,7 +6,7 @@ import numpy as np
 
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.envs import short_corridor
-from rlcore.exercises.engine import Case, Exercise, Question, Wrong
+from rlcore.exercises.engine import Case, Exercise, Proof, Question, Wrong
 from rlcore.mdp import FiniteMDP
 from rlcore.neurons import softmax
 from rlcore.policy_gradient import episode_gradient, gradient_estimates, objective, policy_gradient_exact
@@ -1177,6 +1177,35 @@ Exercise(
     ),
     minutes=20,
     covers=("cl-112", "alg-actor-critic", "alg-reinforce-baseline", "om-baseline-update"),
+)
+
+
+PROOFS = (
+    Proof(
+        "The preferences keep their sum",
+        r"""
+        A softmax policy has a table of preferences $\theta(s, a)$. Show that REINFORCE, with any returns and any baseline,
+        never changes $\sum_a \theta(s, a)$ in any state, and that for every probability distribution with positive
+        probabilities there is exactly one set of preferences with a given sum.
+        """,
+        (
+            "The score of the action taken: $1_{a = b} - \\pi(b)$ in the state of the step, 0 in all other states.",
+            "Its sum over $b$ is $1 - 1 = 0$, and every update is a multiple of a score.",
+            "Existence: logarithms of the probabilities, shifted by a constant to give the sum.",
+            "Uniqueness: equal probabilities mean that all preferences differ by the same constant, and the sum fixes it.",
+        ),
+        r"""
+        A step in state $s$ with action $a$ changes the preferences by a number times the gradient of $\ln \pi(a \mid s)$,
+        whatever return, baseline and step size that number is made of. The component for $\theta(s, b)$ is
+        $1_{a = b} - \pi(b \mid s)$; those of other states are 0. Summed over $b$: $1 - \sum_b \pi(b \mid s) = 1 - 1 = 0$. So each
+        update leaves the sum of every state as it was, and so does any number of updates.
+
+        Let $p$ be a distribution with $p_b > 0$ over $n$ actions, and $m$ the given sum. The preferences $\ln p_b + c$ have the softmax
+        $e^c p_b / (e^c \sum_d p_d) = p_b$, and their sum is $m$ for $c = (m - \sum_b \ln p_b) / n$. If $\theta$ is any set of preferences with the
+        softmax $p$, then $e^{\theta_b} = p_b Z$ with $Z = \sum_d e^{\theta_d}$, so $\theta_b = \ln p_b + \ln Z$: it has this form, with $c = \ln Z$, and
+        the sum allows a single $c$. So the policy and the constant sum determine the table.
+        """,
+    ),
 )
 
 

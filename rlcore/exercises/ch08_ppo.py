@@ -6,7 +6,7 @@ import numpy as np
 
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.envs import recycling_robot
-from rlcore.exercises.engine import Case, Exercise, Question, Wrong
+from rlcore.exercises.engine import Case, Exercise, Proof, Question, Wrong
 from rlcore.gae import gae
 from rlcore.neurons import softmax
 from rlcore.ppo import PPOConfig, clip_gradient, objective_gradient
@@ -1733,6 +1733,33 @@ Exercise(
     ),
     minutes=15,
     covers=("cl-128", "cl-129", "eq-ppo-46", "fig-58"),
+)
+
+
+PROOFS = (
+    Proof(
+        "Clipping only takes away",
+        r"""
+        Let $L(\theta) = \hat{\mathbb E}_t [r_t(\theta) \hat A_t]$ be the surrogate without clipping ({eq}`eq-ppo-48`), and $L^{CLIP}$ that of
+        {eq}`eq-ppo-49` with $\epsilon > 0$; the ratios are differentiable in $\theta$. Show that $L^{CLIP}(\theta) \le L(\theta)$ for all $\theta$, and that at
+        $\theta_{old}$ both have the same value and the same gradient.
+        """,
+        (
+            "The minimum of two numbers is at most the first of them, step by step; then the mean.",
+            "At $\\theta_{old}$ all ratios are 1, and 1 lies strictly between $1 - \\epsilon$ and $1 + \\epsilon$.",
+            "By continuity the ratios stay there in a whole neighbourhood: with finitely many steps there is one for all of them.",
+            "In it the clip does nothing, the two functions are the same, and so are their gradients; equal values at one point would not be enough.",
+        ),
+        r"""
+        For each step $\min(r_t \hat A_t, \mathrm{clip}(r_t, 1 - \epsilon, 1 + \epsilon) \hat A_t) \le r_t \hat A_t$, whatever the sign of the advantage. The mean over the
+        steps keeps the inequality: $L^{CLIP}(\theta) \le L(\theta)$.
+
+        At $\theta_{old}$ every ratio is $\pi_{\theta_{old}} / \pi_{\theta_{old}} = 1$. A ratio is differentiable, so it is continuous: for each of the finitely many
+        steps there is a distance from $\theta_{old}$ within which it stays between $1 - \epsilon$ and $1 + \epsilon$. Within the smallest of these distances
+        this holds for all of them at once. There $\mathrm{clip}(r_t, 1 - \epsilon, 1 + \epsilon) = r_t$, both terms of each minimum are the same, and
+        $L^{CLIP} = L$. Two functions that agree in a neighbourhood of a point have the same value and the same gradient in it.
+        """,
+    ),
 )
 
 

@@ -215,6 +215,7 @@ def check(id: str, answer: Any) -> Verdict:
     """
     exercise = _find(id)
     check.case = None  # type: ignore[attr-defined]
+    last_answers[id] = answer
     verdict = _check(exercise, answer)
     if path := os.environ.get("RLCORE_EXERCISES_REPORT"):
         with open(path, "a", encoding="utf-8") as file:
@@ -223,6 +224,18 @@ def check(id: str, answer: Any) -> Verdict:
 
 
 check.case = None  # type: ignore[attr-defined]
+last_answers: dict[str, Any] = {}
+
+
+def problem_of(exercise: Exercise, got: Any, case: Case) -> str | None:
+    """What is wrong with a result of a case, in single precision, too; None where it is right."""
+    rule = exercise.rule(case)
+    return _problem(got, case, replace(rule, tol=max(rule.tol, SINGLE)) if is_single(got) else rule)
+
+
+def report_of(exercise: Exercise, case: Case, got: Any, problem: str) -> str:
+    """The problem, the arguments, what came and what was expected."""
+    return _report(case, got, problem, exercise.rule(case))
 
 
 def _find(id):
@@ -293,7 +306,7 @@ def _verdict(exercise, answer):
         if problem := _problem(got, case, rule):
             known = {} if rule.hide else {"expected": case.expected}
             check.case = SimpleNamespace(given=deepcopy(case.given), got=got, **known)
-            mistake = _known_mistake(exercise, cases, results, rules)
+            mistake = known_mistake(exercise, cases, results, rules)
             luck = _luck(cases, results, rules)
             return Verdict("failed", mistake or luck + _report(case, got, problem, rule))
     precision = ", in single precision" if single else ""
@@ -304,10 +317,11 @@ def _results(exercise, answer):
     """(what came, the argument that was changed or None) of each case."""
     if not exercise.is_function:
         return [(plain(answer), None)]
-    return [_call(answer, given) for given in [case.given for case in exercise.make_cases()]]
+    return [call(answer, given) for given in [case.given for case in exercise.make_cases()]]
 
 
-def _call(answer, original):
+def call(answer: Callable, original: dict) -> tuple[Any, str | None]:
+    """(what came, the argument that was changed or None) of one call."""
     given = deepcopy(original)
     got = plain(answer(*given.values()))
     return got, unchanged(given, original)
@@ -320,7 +334,7 @@ def _problem(got, case, rule):
         return f"the result is {kind(got)}, which cannot be compared"
 
 
-def _known_mistake(exercise, cases, results, rules):
+def known_mistake(exercise: Exercise, cases: list[Case], results: list, rules: list[Rule]) -> str | None:
     """The message of the usual mistake that gives these results, where they are telling enough."""
     for message, outputs in _mistakes(exercise):
         if all(_same(got, *row) for (got, _), *row in zip(results, outputs, rules, strict=True)):

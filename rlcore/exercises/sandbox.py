@@ -127,7 +127,7 @@ class _Unpickler(pickle.Unpickler):
         raise pickle.UnpicklingError(f"{module}.{name}")
 
 
-def _pack(status, value, figures):
+def pack(status: str, value: Any, figures: list) -> bytes:
     """The outcome as bytes, at most LARGEST of them."""
     try:
         data = pickle.dumps((status, plain(value), figures))
@@ -140,7 +140,8 @@ def _pack(status, value, figures):
     return data
 
 
-def _unpack(data):
+def unpack(data: bytes) -> tuple[str, Any, list]:
+    """(status, value, figures), made without running any code that the bytes name."""
     try:
         return _Unpickler(io.BytesIO(data)).load()
     except Exception:
@@ -259,7 +260,7 @@ def _child(function, seconds, write, file):
             figures = _new_figures(before)
         except Exception:  # a picture that cannot be drawn is no reason to fail
             figures = []
-        data = _pack(status, value, figures)
+        data = pack(status, value, figures)
     data = len(data).to_bytes(8, "big") + data
     while data:
         data = data[os.write(write, data) :]
@@ -330,7 +331,7 @@ def _end(child, patient):
 
 def _outcome(data, status, seconds, printed):
     if data:
-        return *_unpack(data)[:2], printed, _unpack(data)[2]
+        return *unpack(data)[:2], printed, unpack(data)[2]
     if data is None:
         reason = _too_long(PATIENCE * seconds)
     elif status == -1:
@@ -364,7 +365,7 @@ def _in_thread(function, seconds):
     def work():
         out = _Printed(file)
         with redirect_stdout(out), redirect_stderr(out):
-            outcome.append(_pack(*_attempt(function), []))
+            outcome.append(pack(*_attempt(function), []))
 
     thread = threading.Thread(target=work, daemon=True)
     computed, clock = time.process_time(), time.monotonic()
@@ -377,7 +378,7 @@ def _in_thread(function, seconds):
         thread.join(1.0)
         reason = _too_slow(seconds) if time.process_time() - computed >= seconds else _too_long(PATIENCE * seconds)
         return "crash", reason, _printed(file), []
-    status, value, _ = _unpack(outcome[0])
+    status, value, _ = unpack(outcome[0])
     return status, value, _printed(file), []
 
 
