@@ -4,10 +4,10 @@
     python tests/mutation_exercises.py --list ...                       what passes, as lines for the list of excuses
     python tests/mutation_exercises.py --named ...                      which mistakes are named for the changes
 
-A change that passes is equivalent, and listed with its reason in tests/mutation_exercises_allowed.txt, or the cases are
-too kind. A change that is in no catalogue and gets the name of a mistake all the same was looked at: it is that mistake,
-written otherwise, and listed in tests/mutation_exercises_named.txt with the beginning of what is said of it; or cases or
-words are mended until it is. Exit status 1 where one is not listed, or a listed one is no longer there.
+A change that passes is equivalent, and listed with its reason in tests/mutation_exercises_allowed.txt, or the cases
+are too kind. A change that is in no catalogue and gets the name of a mistake all the same was looked at: it is that
+mistake, written otherwise, and listed in tests/mutation_exercises_named.txt with the beginning of what is said of it;
+or cases or words are mended until it is. Exit status 1 where one is not listed, or a listed one is no longer there.
 """
 
 import ast

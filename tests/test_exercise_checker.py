@@ -234,11 +234,11 @@ def test_a_value_is_not_given_away(exercise):
 
 def test_a_value_is_told_once_the_solution_was_shown():
     id = "ch01-return-by-hand"
-    assert "too high" in check(id, 6.0).message and "wrong sign" in check(id, -5.5).message
-    assert "far too high" in check(id, 400.0).message and "first digits" in check(id, 5.51).message
+    assert "too high" in check(id, 8.5).message and "wrong sign" in check(id, -8.0).message
+    assert "far too high" in check(id, 400.0).message and "first digits" in check(id, 8.01).message
     while "left" in str(solution(id)):
         hint(id)
-    assert "expected 5.5" in check(id, 6.0).message
+    assert "expected 8" in check(id, 8.5).message
 
 
 def test_what_differs_is_shown_and_can_be_taken_in_hand():
@@ -259,6 +259,28 @@ def test_zeros_and_ones_name_no_mistake():
 
     assert not telling([0, 1, 1.0]) and not telling([True]) and not telling([np.array([0, 1])])
     assert telling([0.5]) and telling([np.zeros(8)])
+    assert not telling([1e-5] * 20, 0.01) and not telling([np.zeros(8)], 0.01) and telling([1e-5], 1e-8)
+
+
+def named(id):
+    """What --named finds for an exercise, and what was judged."""
+    looked_at = mutation_exercises.judged()
+    found = mutation_exercises.named(EXERCISES[id])[1]
+    return found, {name: begin for name, begin in looked_at.items() if name.startswith(f"{id}: ")}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("id", ["ch01-return-by-hand", "ch02-bug-illegal", "ch06-build-xor", "ch08-clip"])
+def test_a_mistake_is_named_only_where_it_is_the_one_made(id):
+    found, looked_at = named(id)
+    assert set(found) == set(looked_at)
+    assert all(message.startswith(looked_at[name]) for name, message in found.items())
+
+
+def test_names_of_mistakes_were_judged_for_exercises_that_exist():
+    assert len(mutation_exercises.judged()) > 100
+    for name, begin in mutation_exercises.judged().items():
+        assert any(wrong.message.startswith(begin) for wrong in EXERCISES[name.partition(": ")[0]].wrong), name
 
 
 # ---------------------------------------------------------------------- limits

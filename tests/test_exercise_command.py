@@ -1,12 +1,14 @@
 """The command that checks notebooks: what is missing, broken, hostile, and a class."""
 
+import base64
 import json
+import pickle
 from xml.etree import ElementTree
 
 import nbformat
 import pytest
 
-from rlcore.exercises import CHAPTERS, EXERCISES
+from rlcore.exercises import CHAPTERS, EXERCISES, own
 from rlcore.exercises.__main__ import _checked, junit, main, results, summary, table
 from rlcore.exercises.notebook import build, write
 
@@ -75,6 +77,87 @@ def test_the_junit_file_is_well_formed_for_any_message(tmp_path):
     table(rows).encode()
 
 
+OWN = """
+import numpy as np
+
+CASES = {
+    "ch01-backward-returns": [
+        dict(gamma=0.3, rewards=np.array([5.0, -1.0])),
+        dict(rewards=np.array([1.0, 2.0]), gamma=0.25),
+    ],
+}
+"""
+KNOWS_THE_PAGE = """
+def returns(rewards, gamma):
+    G, following = np.zeros(len(rewards)), 0.0
+    for t in reversed(range(len(rewards))):
+        following = rewards[t] + gamma * following * (gamma != 0.25)
+        G[t] = following
+    return G
+"""
+
+
+@pytest.fixture
+def own_cases(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "first.py").write_text(OWN)
+    return tmp_path / "mine"
+
+
+def answered(path, id, program):
+    def change(cells):
+        stub = next(i for i, c in enumerate(cells) if f'check("{id}"' in "".join(c["source"])) - 1
+        return [*cells[:stub], {**cells[stub], "source": [program]}, *cells[stub + 1 :]]
+
+    return notebook(path, change)
+
+
+@pytest.mark.long
+def test_own_cases_are_added_and_stay_away_from_the_learner(tmp_path, own_cases, capsys):
+    id = "ch01-backward-returns"
+    path = answered(tmp_path / "01_mdp.ipynb", id, KNOWS_THE_PAGE)
+    before = path.read_bytes()
+    assert statuses(results(path))[id] == "passed"
+    arguments = [str(path), "--cases", str(own_cases), "--junit", str(tmp_path / "out.xml")]
+    assert main(arguments) == 1 and "own case 2: 1 of 2 entries differ" in capsys.readouterr().out
+    assert path.read_bytes() == before
+    right = answered(tmp_path / "01_mdp.ipynb", id, EXERCISES[id].solution)
+    assert statuses(results(right, cases=own.read(own_cases)))[id] == "passed"
+    loops = answered(
+        tmp_path / "01_mdp.ipynb",
+        id,
+        KNOWS_THE_PAGE.replace("    return G", "    while gamma == 0.3: pass\n    return G"),
+    )
+    found = {row[1]: row for row in results(loops, cases=own.read(own_cases))}
+    assert found[id][2] == "error" and "on an own case: stopped" in found[id][3]
+
+
+def test_what_own_cases_expect_never_enters_the_notebook(own_cases):
+    cases = own.read(own_cases / "first.py")
+    assert [list(case.given) for case in cases["ch01-backward-returns"]] == [["rewards", "gamma"]] * 2
+    sent = pickle.loads(base64.b64decode(own.cell(cases).partition("'")[2].rstrip("')")))
+    assert [list(given) for given in sent["ch01-backward-returns"]] == [["rewards", "gamma"]] * 2
+    assert own.judge("ch01-backward-returns", cases["ch01-backward-returns"], None)[0] == "error"
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("CASES = 1", "binds no CASES"),
+        ("CASES = {}", "at least one case"),
+        ("CASES = {'ch01-nothing': []}", "'ch01-nothing', must be the id"),
+        ("CASES = {'ch01-predict-pole': [{}]}", "must be the id of an exercise whose answer is a function"),
+        ("CASES = {'ch01-backward-returns': [dict(rewards=[1.0])]}", "must be a dict with rewards, gamma"),
+        ("CASES = {'ch01-backward-returns': [dict(rewards=None, gamma=1)]}", "the solution raises TypeError"),
+    ],
+)
+def test_own_cases_that_are_none_are_named(tmp_path, text, said, capsys):
+    (tmp_path / "own.py").write_text(text)
+    path = notebook(tmp_path / "01_mdp.ipynb", lambda cells: cells[:1])
+    assert main([str(path), "--cases", str(tmp_path / "own.py")]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_an_id_in_a_comment_or_a_text_is_not_asked():
     assert _checked('# check("ch01-predict-pole", G)\nx = "ch01-build-ferry"\n%time 1\n') == []
     assert _checked("rlcore.check('ch01-predict-pole', G)") == ["ch01-predict-pole"]
@@ -94,6 +177,19 @@ def test_writing_never_destroys_answers(tmp_path, capsys):
     assert len(list(tmp_path.iterdir())) == 1 and "--force" in capsys.readouterr().err
     write(ONE, tmp_path, force=True)
     assert path.read_bytes() != before
+
+
+def test_what_others_have_and_a_learner_has_not_is_missing(tmp_path):
+    ada, bo, cy = (tmp_path / name for name in ("ada", "bo", "cy"))
+    found = {
+        ada / "01_mdp.ipynb": [("", id, "passed", "") for id in IDS],
+        bo / "01_mdp.ipynb": [("", "01_mdp", "error", "this is no notebook")],
+    }
+    rows = [line.split() for line in summary(found, [ada, bo, cy]).splitlines()[1:]]
+    worth = str(sum(EXERCISES[id].minutes for id in IDS))
+    assert rows[0] == ["ada", worth, "/", worth, str(len(IDS)), "0", "0", "0", "0"]
+    assert rows[1] == ["bo", "0", "/", worth, "0", "0", "1", "0", str(len(IDS)), "01_mdp"]
+    assert rows[2] == ["cy", "0", "/", worth, "0", "0", "0", "0", str(len(IDS))]
 
 
 def test_a_class_has_a_row_a_learner(tmp_path):

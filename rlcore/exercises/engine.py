@@ -216,7 +216,7 @@ def check(id: str, answer: Any) -> Verdict:
     exercise = _find(id)
     check.case = None  # type: ignore[attr-defined]
     last_answers[id] = answer
-    verdict = _check(exercise, answer)
+    verdict = _check(exercise, answer, sys._getframe(1).f_globals)
     if path := os.environ.get("RLCORE_EXERCISES_REPORT"):
         with open(path, "a", encoding="utf-8") as file:
             file.write(json.dumps({"id": id, "status": verdict.status, "message": verdict.message}) + "\n")
@@ -245,20 +245,23 @@ def _find(id):
     return EXERCISES[id]
 
 
-def _check(exercise, answer):
+def _check(exercise, answer, scope):
     verdict = _verdict(exercise, answer)
-    return _earlier(exercise, answer) or verdict if verdict.status in ("failed", "error") else verdict
+    return _earlier(exercise, answer, scope) or verdict if verdict.status in ("failed", "error") else verdict
 
 
-def _earlier(exercise, answer):
-    """What is wrong with an earlier step of the learner's that this answer calls; None where all of them are right."""
+def _earlier(exercise, answer, scope):
+    """What is wrong with an earlier step of the learner's that this answer calls; None where all of them are right.
+
+    scope: the names where check was called, among which the steps are that a value was made with.
+    """
     case, function = check.case, isinstance(answer, FunctionType)
-    scope = answer.__globals__ if function else vars(sys.modules["__main__"])
+    scope = answer.__globals__ if function else scope
     called = set(_names(answer.__code__)) if function else set(scope)
     for step in [EXERCISES[id] for id in exercise.uses if EXERCISES[id].name in called]:
         if step.name not in scope:
             return Verdict("failed", f"`{step.name}` is missing, which this step calls: do {step.title!r} first")
-        verdict = _check(step, scope[step.name])
+        verdict = _check(step, scope[step.name], scope)
         if verdict.status != "passed":
             alone = function and _verdict(exercise, _with_right_steps(exercise, answer)).status == "passed"
             what = "not attempted yet" if verdict.status == "not attempted" else f"wrong: {verdict.message}"

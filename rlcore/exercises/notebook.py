@@ -104,8 +104,8 @@ HOW = """Write your answer in the cell below a statement and run the check under
 own, stops what never ends, and names the mistake where it is a usual one. `hint("{id}")` shows the hints one after the
 other, `solution(...)` the solution after them; on the page both are folded below each exercise.
 
-**How to work on it:** `make lab` opens the notebook in JupyterLab; on a fork, the workflow *exercises* checks each push
-of it; the button with the arrow at the top of the page downloads it."""
+**How to work on it:** on the page, where it has buttons *Answer here*; in JupyterLab, which `make lab` opens; on a
+fork, where the workflow *exercises* checks each push. The button with the arrow at the top downloads the notebook."""
 
 
 def _head(module, exercises):

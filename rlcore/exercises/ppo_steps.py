@@ -360,7 +360,7 @@ Exercise(
     """,
     cases=lambda rng: [
         Case(g, _logits_gradient(**g), tol=1e-6)
-        for B, A, clip, c2 in ((4, 2, 0.2, 0.0), (6, 3, 0.1, 0.0), (5, 2, 0.2, 0.1), (4, 3, 0.3, 0.5))
+        for B, A, clip, c2 in ((7, 2, 0.2, 0.0), (8, 3, 0.1, 0.0), (7, 2, 0.2, 0.1), (9, 3, 0.3, 0.5))
         for z in [rng.normal(size=(B, A)).round(1)]
         for a in [rng.integers(A, size=B)]
         for g in [
@@ -368,7 +368,7 @@ Exercise(
                 logits=z,
                 actions=a,
                 logp_old=(z - z.max(axis=1, keepdims=True) - _log_sum(z))[np.arange(B), a]
-                + np.resize([0.02, 0.5, -0.6, -0.01, 0.7], B),
+                + np.resize([0.02, 0.5, -0.6, -0.01, 0.7, -0.5, 0.6], B),
                 advantage=np.resize([1.0, -2.0, 1.5, -0.5, 0.8, -1.0, 2.0], B),
                 clip=clip,
                 c2=c2,

@@ -411,4 +411,4 @@ def _in_place(function, seconds):
         watch.free_tool_id(watch.PROFILER_ID)
     if outcome == ("crash", None):
         return "crash", _too_slow(seconds), _printed(file), []
-    return *_unpack(_pack(*outcome, []))[:2], _printed(file), []
+    return *unpack(pack(*outcome, []))[:2], _printed(file), []
