@@ -215,10 +215,24 @@ def test_a_lying_array_fails():
     assert check("ch01-expected-reward", lambda prob, reward: np.zeros(prob.shape[:2]).view(Liar)).status == "failed"
 
 
-@pytest.mark.parametrize("make, word", [(lambda: (i for i in "a"), "generator"), (lambda: Odd, "type")])
+@pytest.mark.parametrize(
+    "make, word",
+    [
+        (lambda: (i for i in "a"), "a generator, of which nothing is computed yet"),
+        (lambda: map(float, "1"), "a map, of which nothing is computed yet"),
+        (lambda: Odd, "type"),
+        (lambda: [[0.0]], "a list of length 1, expected an array of shape (3, 2): np.array makes one of it"),
+    ],
+)
 def test_a_result_of_no_kind_is_named(make, word):
-    found = check("ch01-expected-reward", lambda prob, reward: make())
-    assert word in found.message and "list" not in found.message
+    assert word in check("ch01-expected-reward", lambda prob, reward: make()).message
+
+
+def test_where_a_process_differs_is_said_and_no_place_in_memory():
+    cliff = EXERCISES["ch04-build-cliff"].bind(EXERCISES["ch04-build-cliff"].solution)
+    turned = check("ch04-build-cliff", lambda n_rows, n_cols: cliff(n_cols, n_rows)).message
+    assert turned.startswith("start differs at s=36: 0.0, expected 1.0")
+    assert " at 0x" not in check("agent-draw", lambda p, rng: -1).message
 
 
 # ---------------------------------------------------------------------- messages
@@ -234,11 +248,11 @@ def test_a_value_is_not_given_away(exercise):
 
 def test_a_value_is_told_once_the_solution_was_shown():
     id = "ch01-return-by-hand"
-    assert "too high" in check(id, 8.5).message and "wrong sign" in check(id, -8.0).message
-    assert "far too high" in check(id, 400.0).message and "first digits" in check(id, 8.01).message
+    assert "too high" in check(id, 9.5).message and "wrong sign" in check(id, -9.0).message
+    assert "far too high" in check(id, 400.0).message and "first digits" in check(id, 9.01).message
     while "left" in str(solution(id)):
         hint(id)
-    assert "expected 8" in check(id, 8.5).message
+    assert "expected 9" in check(id, 9.5).message
 
 
 def test_what_differs_is_shown_and_can_be_taken_in_hand():

@@ -409,9 +409,9 @@ def test_an_earlier_step_is_said_to_be_the_cause(ours):
 
 def test_a_value_that_wrong_steps_made_names_them(ours):
     scope = learner("agent", faded=EXERCISES["agent-traces"].wrong[2].source) | {"check": check, "np": np}
-    exec('said = check("agent-finds", np.ones((27, 4)))', scope)
+    exec('said = check("agent-finds", np.ones((28, 4)))', scope)
     assert "the earlier step `faded` is wrong" in scope["said"].message
-    assert "does not reach the goal" in check("agent-finds", np.ones((27, 4))).message
+    assert "does not reach the goal" in check("agent-finds", np.ones((28, 4))).message
 
 
 def test_a_solved_pole_and_a_caught_ball_need_no_certain_program():

@@ -16,20 +16,20 @@ Exercise(
     section="A return contains the next return",
     title="One return with pencil and paper",
     statement=r"""
-        An episode pays $R_1 = 5$, $R_2 = 2$, $R_3 = -4$, $R_4 = 24$ and ends. With $\gamma = 0.5$, what is $G_0$
+        An episode pays $R_1 = 5$, $R_2 = 2$, $R_3 = -4$, $R_4 = 32$ and ends. With $\gamma = 0.5$, what is $G_0$
         ({eq}`eq-7`)? Bind the number to `G0`.
     """,
     stub="G0 = ...",
-    cases=lambda rng: [Case({}, float(discounted_returns([5, 2, -4, 24], 0.5)[0]))],
+    cases=lambda rng: [Case({}, float(discounted_returns([5, 2, -4, 32], 0.5)[0]))],
     hints=(
         "The first reward counts in full; each later one is halved once more than the one before.",
-        "The four terms are $5$, $2/2$, $-4/4$ and $24/8$.",
+        "The four terms are $5$, $2/2$, $-4/4$ and $32/8$.",
     ),
-    solution="G0 = 5 + 0.5 * 2 + 0.25 * -4 + 0.125 * 24",
+    solution="G0 = 5 + 0.5 * 2 + 0.25 * -4 + 0.125 * 32",
     wrong=(
-        Wrong("G0 = 5 + 2 - 4 + 24", "gamma is missing: this is the plain sum of the rewards"),
+        Wrong("G0 = 5 + 2 - 4 + 32", "gamma is missing: this is the plain sum of the rewards"),
         Wrong(
-            "G0 = 0.5 * 5 + 0.25 * 2 + 0.125 * -4 + 0.0625 * 24",
+            "G0 = 0.5 * 5 + 0.25 * 2 + 0.125 * -4 + 0.0625 * 32",
             "the first reward is discounted already: R_1 counts with gamma to the power 0",
         ),
         Wrong(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import Decimal
@@ -139,7 +140,8 @@ def _array_difference(got, expected, rule):
         except ValueError:
             return f"the rows of the {type(got).__name__} have different lengths, expected shape {expected.shape}"
     if not isinstance(got, np.ndarray):
-        return f"the result is {kind(got)}, expected an array of shape {expected.shape}"
+        make = ": np.array makes one of it" if isinstance(got, (tuple, list)) else ""
+        return f"the result is {kind(got)}, expected an array of shape {expected.shape}{make}"
     if got.shape != expected.shape:
         return f"the result has shape {got.shape}, expected {expected.shape}"
     numeric = expected.dtype.kind in "iuf"
@@ -165,8 +167,11 @@ def _mdp_difference(got, expected):
         if getattr(got, name) != getattr(expected, name):
             return f"{name} is {getattr(got, name)}, expected {getattr(expected, name)}"
     for name in ("terminal", "legal", "start"):
-        if not np.allclose(getattr(got, name), getattr(expected, name)):
-            return f"{name} is {getattr(got, name).tolist()}, expected {getattr(expected, name).tolist()}"
+        one, two = getattr(got, name), getattr(expected, name)
+        if not np.allclose(one, two):
+            at = tuple(int(i) for i in np.argwhere(~np.isclose(one, two))[0])
+            where = f"s={at[0]}" if len(at) == 1 else f"s={at[0]}, a={at[1]}"
+            return f"{name} differs at {where}: {one[at].item()}, expected {two[at].item()}"
     for name, method in (("p(s'|s, a)", "transition_probs"), ("r(s, a)", "expected_reward")):
         one, two = getattr(got, method)(), getattr(expected, method)()
         if not np.allclose(one, two):
@@ -218,8 +223,10 @@ def kind(value: Any) -> str:
     if isinstance(value, (list, tuple, dict)):
         return f"a {type(value).__name__} of length {len(value)}"
     name = type(value).__name__
-    if name in ("generator", "coroutine", "async_generator"):
-        return f"a {name} (`{'yield' if 'gen' in name else 'async'}` returns one before anything is computed)"
+    if name in ("coroutine", "async_generator"):
+        return f"a {name} (`async` makes one before anything is computed)"
+    if hasattr(type(value), "__next__"):
+        return f"a {name}, of which nothing is computed yet (`list` or `np.array` of a list of it holds the numbers)"
     return f"{'an' if name[:1] in 'aeiou' else 'a'} {name}"
 
 
@@ -233,7 +240,7 @@ def show(value: Any) -> str:
     if isinstance(value, (float, np.floating)):
         return f"{value:.8g}"
     try:
-        return _cut(repr(value), 300)
+        return _cut(re.sub(r" at 0x[0-9A-Fa-f]+", "", repr(value)), 300)
     except Exception:  # a number of too many digits
         return kind(value)
 

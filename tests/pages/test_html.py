@@ -48,6 +48,14 @@ def test_the_book_has_its_pages(parsed):
         assert len(words) > (1500 if re.search(r"/0[1-8]_[a-z_]+$", file) and "exercises" not in file else 15), file
 
 
+def test_exercises_show_no_verdict_before_an_answer(built):
+    pages = sorted(built.glob("book/exercises/*.html"))
+    assert len(pages) == 11
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert "not attempted:" not in text and "How to work on it" in text and "tag_check-" in text, page.name
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_pages_are_light(page):
     """As it lies on the disk, with figures and formulas inside, and as servers send it."""
