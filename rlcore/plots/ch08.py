@@ -48,16 +48,17 @@ def log_probability_step(
 
 def progress(
     x: ArrayLike, curves: Curves, xlabel: str, ylabel: str, *, ylim: Point | None = None,
-    level: tuple[float, str] | None = None, logx: bool = False, title: str = "",
+    spread: Curves | None = None, level: tuple[float, str] | None = None, logx: bool = False, title: str = "",
 ) -> Figure:  # fmt: skip
-    """Lines over x with the spread over runs; curves: {label: (n,) or (n_runs, n)}. cl-117, ex-netflix
+    """Lines over x with the spread over runs; curves: {label: (n,) or (n_runs, n)}. cl-117, ex-netflix, ex-entropy
 
-    level: (height, text) of a dashed line.
+    spread: {label: (2, n)}, lowest and highest run, where curves holds means. level: (height, text) of a dashed line.
     """
     fig, ax = new_figure(height=3.8)
     for (label, values), style in zip(curves.items(), styles(curves).values()):
         values = np.atleast_2d(values)
-        band(ax, x, values.mean(axis=0), [values.min(axis=0), values.max(axis=0)], label, **style)
+        ends = spread[label] if spread else [values.min(axis=0), values.max(axis=0)]
+        band(ax, x, values.mean(axis=0), ends, label, **style)
     if level is not None:
         ax.axhline(level[0], color=GREY, ls="--", lw=1.2, label=level[1])
     ax.set(xlabel=xlabel, ylabel=ylabel, ylim=ylim, title=title, xscale="log" if logx else "linear")
