@@ -2,7 +2,10 @@
 # make check  lint, format, types, most unit tests   make test-all  that, and what takes longer
 # make lab    open the notebooks in JupyterLab       make outputs   run the notebooks and store what they show
 # make lock   pin all packages anew, with hashes     make wheel     build the package and try it by itself
-# make live   the book with cells that run in the page   make clean  remove what the build made
+# make live   the book, its cells run in the page    make bundle   the site as a zip, for a disk
+# make pdf    the book on paper, in two volumes      make epub     the book for a reader
+# make clean  remove what the build made
+
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3 python,$(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print("$(p)")' 2>/dev/null)))
 REQUIREMENTS ?= requirements.txt
 LOCK := $(if $(filter requirements.txt,$(REQUIREMENTS)),requirements.lock)
@@ -15,7 +18,7 @@ NOTEBOOKS := $(wildcard book/*.ipynb book/record/*.ipynb)
 
 export LIVE  # 1: a book whose cells run in the reader's browser, with the files of `make live`
 
-.PHONY: book html live test-live test test-all check pages notebooks lab outputs clean install lock mutation rows wheel
+.PHONY: book html live test-live test test-all check pages notebooks lab outputs clean install lock mutation rows wheel pdf epub bundle
 
 install: $(STAMP)
 
@@ -54,6 +57,15 @@ test-live: live
 	@.ci/browser
 	@$(BIN)/python tests/live.py
 	@$(RUN) live
+
+# Out of the built pages, into _build/paper; SIZES="A4 Letter" makes both
+SIZES ?= A4
+pdf: html
+	@.ci/browser
+	@$(BIN)/python book/_paper/pdf.py $(SIZES)
+
+epub bundle: html
+	@$(BIN)/python book/_paper/$@.py
 
 test: $(STAMP)
 	@.ci/browser

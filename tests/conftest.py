@@ -5,29 +5,19 @@ import functools
 import http.server
 import os
 import re
-import shutil
-import tempfile
+import sys
 import threading
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "book" / "_paper"))
+import chromium  # noqa: E402
+
 HTML = ROOT / "_build" / "html"
 PAGES = sorted(path.relative_to(HTML).as_posix() for path in HTML.glob("book/**/*.html"))
 CHAPTERS = [page for page in PAGES if re.match(r"book/0[1-8]_", page)]
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-# Without these Chromium makes requests of its own, which the request log would take for the page's.
-QUIET = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-]
 
 
 def absent(reason):
@@ -60,29 +50,13 @@ def site(built):
         server.shutdown()
 
 
-CONFIG = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
-<fontconfig>{fonts}<cachedir>{home}/fontconfig</cachedir></fontconfig>"""
-
-
 @pytest.fixture(scope="session")
 def browsers():
     """Headless Chromium with a fontconfig of its own: "dejavu" has matplotlib's DejaVu fonts, "none" no font at all."""
-    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if path is None:
+    if chromium.path() is None:
         absent("no Chromium: install it (Debian: apt-get install chromium) to run the page tests")
-    import matplotlib
     from playwright.sync_api import sync_playwright
 
-    folders = {"dejavu": f"<dir>{matplotlib.get_data_path()}/fonts/ttf</dir>", "none": ""}
     with sync_playwright() as playwright, contextlib.ExitStack() as stack:
-        started = {}
-        for name, fonts in folders.items():
-            home = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
-            Path(home, "fonts.conf").write_text(CONFIG.format(fonts=fonts, home=home), encoding="utf-8")
-            env = {**os.environ, "HOME": home, "FONTCONFIG_FILE": f"{home}/fonts.conf"}
-            browser = playwright.chromium.launch(
-                executable_path=path, args=QUIET, ignore_default_args=["--hide-scrollbars"], env=env
-            )
-            stack.callback(browser.close)
-            started[name] = browser
-        yield started
+        fonts = {"dejavu": chromium.dejavu(), "none": ""}
+        yield {name: stack.enter_context(chromium.browser(playwright, known)) for name, known in fonts.items()}

@@ -34,3 +34,6 @@ function slide(row) {
   window.addEventListener("pageshow", show);  // where a browser comes back to what was chosen
 }
 document.addEventListener("DOMContentLoaded", () => document.querySelectorAll(".explore fieldset.ordered").forEach(slide));
+
+// From a disk a page must not read the others: the search shows where words stand, without the lines around them.
+if (location.protocol == "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false;
