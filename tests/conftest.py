@@ -5,16 +5,13 @@ import functools
 import http.server
 import os
 import re
-import sys
 import threading
 from pathlib import Path
 
+import chromium
 import pytest
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "book" / "_paper"))
-import chromium  # noqa: E402
-
 HTML = ROOT / "_build" / "html"
 PAGES = sorted(path.relative_to(HTML).as_posix() for path in HTML.glob("book/**/*.html"))
 CHAPTERS = [page for page in PAGES if re.match(r"book/0[1-8]_", page)]

@@ -17,7 +17,6 @@ QUIET = [
     "--disable-component-update",
     "--disable-sync",
     "--disable-dev-shm-usage",
-    "--font-render-hinting=none",
 ]
 CONFIG = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
 <fontconfig>{fonts}<cachedir>{home}/fontconfig</cachedir></fontconfig>"""
@@ -36,13 +35,13 @@ def dejavu():
 
 
 @contextlib.contextmanager
-def browser(playwright, fonts="", more=()):
+def browser(playwright, fonts=""):
     """A browser that has the fonts of fontconfig's elements `fonts` and no others."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         Path(home, "fonts.conf").write_text(CONFIG.format(fonts=fonts, home=home), encoding="utf-8")
         env = {**os.environ, "HOME": home, "FONTCONFIG_FILE": f"{home}/fonts.conf"}
         started = playwright.chromium.launch(
-            executable_path=path(), args=[*QUIET, *more], ignore_default_args=["--hide-scrollbars"], env=env
+            executable_path=path(), args=QUIET, ignore_default_args=["--hide-scrollbars"], env=env
         )
         yield started
         started.close()

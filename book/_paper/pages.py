@@ -28,7 +28,7 @@ RECORD = ("Record", "book/appendix_claims", "book/appendix_errata", "book/append
 
 @dataclass
 class Page:
-    """One page: its name as in _toc.yml, its part, its article, in which <x-math n="5">its text</x-math> is a formula."""
+    """One page: its name as in _toc.yml, its part, its article, in which <x-math n="5">text</x-math> is a formula."""
 
     name: str
     part: str | None

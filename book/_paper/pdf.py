@@ -236,34 +236,28 @@ class Printer:
         return places(self.pdf)
 
 
-def make(size, html=HTML, out=OUT, listed=None):
-    """Both volumes on one size of paper; the paths."""
+def make(browser, size, html=HTML, out=OUT, listed=None):
+    """Both volumes on one size of paper; {volume: path}."""
     out.mkdir(parents=True, exist_ok=True)
     volumes = Volumes(html, listed)
     if volumes.lost and listed is None:
         raise RuntimeError(f"links lead nowhere: {volumes.lost[:5]}")
-    for pages in volumes.pages.values():
+    printers = []
+    for volume, pages in volumes.pages.items():
         for page in pages:
             prepare(page)
-    with (
-        sync_playwright() as playwright,
-        chromium.browser(playwright, chromium.dejavu(), ["--allow-file-access-from-files"]) as browser,
-    ):
-        printers = []
-        for volume in volumes.pages:
-            path = out / f"{volume}-{size}.html"
-            path.write_text(assemble(volumes, volume, size), encoding="utf-8")
-            printers.append(Printer(browser, volumes.html, path, out / f"{volume}-{size}.pdf", volume))
-        for _ in range(5):
-            found = {printer.volume: printer.print() for printer in printers}
-            moved = [printer.tab.evaluate(NUMBER, names(found, printer.volume)) for printer in printers]
-            if not any(moved):
-                break
-        else:
-            raise RuntimeError(f"page numbers do not settle: {moved[0][:5]}, {moved[1][:5]}")
-        for printer in printers:
-            finish(printer, out, size)
-    return [printer.pdf for printer in printers]
+        path = out / f"{volume}-{size}.html"
+        path.write_text(assemble(volumes, volume, size), encoding="utf-8")
+        printers.append(Printer(browser, volumes.html, path, out / f"{volume}-{size}.pdf", volume))
+    for _ in range(5):
+        found = {printer.volume: printer.print() for printer in printers}
+        if not any([printer.tab.evaluate(NUMBER, names(found, printer.volume)) for printer in printers]):
+            break
+    else:
+        raise RuntimeError(f"{size}: the numbers of pages do not settle")
+    for printer in printers:
+        finish(printer, size)
+    return {printer.volume: printer.pdf for printer in printers}
 
 
 def names(found, volume):
@@ -278,7 +272,7 @@ def names(found, volume):
     return own | others
 
 
-def finish(printer, out, size):
+def finish(printer, size):
     """Titles of the outline, links between the volumes, what the file says about itself; smaller."""
     with pikepdf.open(printer.pdf, allow_overwriting_input=True) as pdf:
         with pdf.open_outline() as outline:
@@ -315,6 +309,7 @@ def rename(items, headings):
 
 
 if __name__ == "__main__":
-    for size in sys.argv[1:]:
-        for path in make(size):
-            print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1e6:.1f} MB")
+    with sync_playwright() as playwright, chromium.browser(playwright, chromium.dejavu()) as browser:
+        for size in sys.argv[1:]:
+            for path in make(browser, size).values():
+                print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1e6:.1f} MB", flush=True)

@@ -63,4 +63,5 @@ def script(base, low, high):
         return f" {base.strip()}{limits} of "
     if high and not high.strip("'"):
         base, high = base + high, None
-    return base.rstrip() + (f"_{grouped(low)}" if low else "") + (f"^{grouped(high)}" if high else "")
+    end = " " if len(base.strip()) > 1 and base.strip().isalpha() else ""
+    return base.rstrip() + (f"_{grouped(low)}" if low else "") + (f"^{grouped(high)}" if high else "") + end
