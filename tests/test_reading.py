@@ -45,7 +45,8 @@ href="exercises/01_x.html#e1">1.1</a>, <a class="to-record reference" href="reco
 <a href="#no">lost</a>.</p><p><span id="b"></span><span id="unused"></span></p>
 <div class="cell"><details class="hide"><summary>Show</summary><div class="cell_input"><pre>x = 1</pre></div></details>
 </div><div class="cell"><div class="cell_output"><div class="explore"><div class="title">T</div>
-<fieldset class="ordered"><legend>n</legend><input type="radio"><label>1</label><input checked type="radio"><label>2</label></fieldset>
+<fieldset class="ordered"><legend>n</legend><input type="radio"><label>1</label><input checked type="radio">
+<label>2</label></fieldset>
 <div class="frame f0"><img alt="one" src="../_images/1.png"></div><div class="frame f1 first"><img alt="two"
 src="data:,2"></div></div></div></div><div class="caption"><p>Figure 1.</p></div>
 <div class="sd-tab-set"><input id="t0"><label class="sd-tab-label">Pseudocode</label><div class="sd-tab-content">
@@ -53,7 +54,8 @@ src="data:,2"></div></div></div></div><div class="caption"><p>Figure 1.</p></div
 <div class="sd-tab-content"><pre>def f(): ...</pre></div></div></section></article>""".replace("{v}", MATH.format(V))
 EXERCISES = """<article><section id="x"><h1>Exercises</h1><p><span id="e1"></span></p><section id="first">
 <h2>1. First</h2><p>Do.</p><div class="cell"><div class="cell_input"><pre>y = ...</pre></div></div>
-<div class="cell tag_check-e1"><div class="cell_input"><pre>check("e1", y)</pre></div></div><details><summary>Hint 1</summary><p>Think.</p></details>
+<div class="cell tag_check-e1"><div class="cell_input"><pre>check("e1", y)</pre></div></div>
+<details><summary>Hint 1</summary><p>Think.</p></details>
 <details><summary>Solution</summary><pre>y = 2</pre></details></section><section id="q"><h2>Questions</h2>
 <p><strong>Question 1.</strong> Why?</p><details><summary>a) This</summary><p>No.</p></details><details>
 <summary>b) That</summary><p>Yes.</p></details></section></section></article>"""

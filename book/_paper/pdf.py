@@ -17,6 +17,8 @@ from pathlib import Path
 import chromium
 import pikepdf
 import yaml
+from fontTools.ttLib import TTFont
+from fontTools.varLib import instancer
 from pages import HTML, OUT, ROOT, Volumes, ids, mathml, new, words
 from playwright.sync_api import sync_playwright
 from speech import said
@@ -24,6 +26,7 @@ from speech import said
 SIZES = {"A4": (210, 297), "Letter": (215.9, 279.4)}  # width, height in mm
 MARGINS = {"top": 24, "bottom": 20, "left": 23, "right": 23}
 COLUMN = 164  # mm of text on the narrower of the two
+WEIGHTS = 400, 600, 700
 CODE = 8.2, 0.6  # points of code, and the width of its letters in their height
 VOLUMES = {"book": "Chapters and exercises", "record": "Record: claims, errata, concordance, functions"}
 CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
@@ -112,7 +115,7 @@ def slug_of(part):
     return part.lower().replace(" ", "-")
 
 
-def assemble(volumes, volume, size):
+def assemble(volumes, volume, size, faces):
     """The HTML of one volume on one size of paper."""
     pages, title = volumes.pages[volume], CITATION["title"]
     body, rules, part = [], [], None
@@ -150,12 +153,13 @@ A number beside a link is the page that it leads to; one after the name of the o
     targets = [id for page in pages for id in (page.slug, *sorted(ids(page)))]
     wanted = "".join(f'<a href="#{id}"></a>' for id in targets)
     static = f"{volumes.html.as_uri()}/_static"
-    css = Path(__file__).with_name("print.css").read_text(encoding="utf-8").replace("_static", static)
+    css = Path(__file__).with_name("print.css").read_text(encoding="utf-8")
     return f"""<!DOCTYPE html>
 <html lang="en" data-theme="light"><head><meta charset="utf-8"><title>{escape(title)}</title>
 <link rel="stylesheet" href="{static}/mathjax.css"><link rel="stylesheet" href="{static}/pygments.css">
 <style>
 @page {{ size: {width}mm {height}mm; margin: {margins}; @top-right {{ content: "{escape(title)}" }} }}
+{faces}
 {css}
 {chr(10).join(rules)}
 </style></head><body>
@@ -163,6 +167,23 @@ A number beside a link is the page that it leads to; one after the name of the o
 {chr(10).join(body)}
 <div hidden>{wanted}</div>
 </body></html>"""
+
+
+def cast(fonts, out):
+    """Faces of one weight from the site's, which have all: a PDF can embed no others as they are."""
+    out.mkdir(exist_ok=True)
+    rules = []
+    for path in sorted(fonts.glob("*.woff2")):
+        family, style = f"Companion {path.stem.split('-')[0].title()}", "italic" if "italic" in path.stem else "normal"
+        for weight in WEIGHTS:
+            face = out / f"{path.stem}-{weight}.ttf"
+            font = instancer.instantiateVariableFont(TTFont(path), {"wght": weight})
+            font.flavor = None
+            font["name"].setName(f"{family.replace(' ', '')}-{weight}{style[0]}", 6, 3, 1, 0x409)
+            font.save(face)
+            about = f'font-family: "{family}"; font-weight: {weight}; font-style: {style}'
+            rules.append(f'@font-face {{ {about}; src: url("{face.as_uri()}") }}')
+    return "\n".join(rules)
 
 
 # ---------------------------------------------------------------------- print
@@ -242,12 +263,12 @@ def make(browser, size, html=HTML, out=OUT, listed=None):
     volumes = Volumes(html, listed)
     if volumes.lost and listed is None:
         raise RuntimeError(f"links lead nowhere: {volumes.lost[:5]}")
-    printers = []
+    printers, faces = [], cast(volumes.html / "_static" / "fonts", out / "fonts")
     for volume, pages in volumes.pages.items():
         for page in pages:
             prepare(page)
         path = out / f"{volume}-{size}.html"
-        path.write_text(assemble(volumes, volume, size), encoding="utf-8")
+        path.write_text(assemble(volumes, volume, size, faces), encoding="utf-8")
         printers.append(Printer(browser, volumes.html, path, out / f"{volume}-{size}.pdf", volume))
     for _ in range(5):
         found = {printer.volume: printer.print() for printer in printers}
