@@ -1,7 +1,8 @@
 """The package as somebody else gets it: built, checked, installed alone in an empty environment, tried far from here.
 
 python tests/release.py          wheel and sdist are left in _build/dist
-python tests/release.py v0.1.0   the tag must be the version; what CHANGELOG.md says of it is left in _build/notes.md
+python tests/release.py v0.1.0   the tag must be the version; what CHANGELOG.md says of it, and how to cite it, is
+                                 left in _build/notes.md
 """
 
 import ast
@@ -45,6 +46,15 @@ def notes(wanted):
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     found = re.search(rf"^## \[{re.escape(wanted)}\] - \d{{4}}-\d\d-\d\d\n(.*?)(?=^## |\Z)", text, re.M | re.S)
     return found and found[1].strip() + "\n"
+
+
+def citation():
+    """How to cite this version, from CITATION.cff."""
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    (by,), (title,), (date,) = (
+        re.findall(rf'^ *(?:- )?{key}: "?(.+?)"?$', text, re.M) for key in ("name", "title", "date-released")
+    )
+    return f"{by}: *{title}*, version {version()}, {date}."
 
 
 def examples(text):
@@ -152,7 +162,9 @@ def main(tag=None):
         if tag != f"v{version()}" or text is None:
             raise Failed(f"tag: got {tag}; rlcore is {version()}, and CHANGELOG.md must have a dated entry for it")
         NOTES.parent.mkdir(exist_ok=True)
-        NOTES.write_text(text, encoding="utf-8")
+        NOTES.write_text(
+            f"{text}\nTo cite: {citation()} SHA256SUMS has the checksums of all files.\n", encoding="utf-8"
+        )
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         wheel = build(work)

@@ -8,6 +8,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pdf
 import pytest
 import release
 import yaml
@@ -203,7 +204,30 @@ def test_an_example_that_fails_for_another_reason_or_goes_on_failing_is_reported
 def test_a_release_is_published_by_nothing_but_a_tag_after_all_tests():
     workflow = yaml.load((ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8"), yaml.BaseLoader)
     assert workflow["on"] == {"push": {"tags": ["v*"]}}
-    assert set(workflow["jobs"]["publish"]["needs"]) == {"test", "build"} == set(workflow["jobs"]) - {"publish"}
+    jobs = workflow["jobs"]
+    assert set(jobs["publish"]["needs"]) == {"test", "build", "book"} == set(jobs) - {"publish"}
     assert [name for name, job in workflow["jobs"].items() if "permissions" in job] == ["publish"]
     commands = [step.get("run") for step in workflow["jobs"]["build"]["steps"]]
     assert 'python tests/release.py "$GITHUB_REF_NAME"' in commands
+    (book,) = [step for step in jobs["book"]["steps"] if "make" in step.get("run", "")]
+    assert book["run"] == 'make pdf epub bundle SIZES="A4 Letter" PYTHON=python'
+    assert book["env"]["BOOK_RELEASE"] == "${{ github.ref_name }}"
+    publish = jobs["publish"]["steps"][-1]["run"]
+    assert "sha256sum" in publish and publish.index("SHA256SUMS") < publish.index("gh release create")
+
+
+def test_the_site_offers_what_a_release_has():
+    sys.path.insert(0, str(ROOT / "book" / "_ext"))
+    from companion import downloads
+
+    made = {f"{volume}-{size}.pdf" for volume in pdf.VOLUMES for size in pdf.SIZES} | {"book.epub", "site.zip"}
+    assert set(downloads.FILES.values()) == made
+
+
+def test_the_notes_say_how_to_cite(tmp_path, monkeypatch):
+    (tmp_path / "CITATION.cff").write_text(
+        'title: "A: B"\nauthors:\n  - name: "C"\ndate-released: 2026-01-02\n', encoding="utf-8"
+    )
+    monkeypatch.setattr(release, "ROOT", tmp_path)
+    monkeypatch.setattr(release, "version", lambda: "1.2.0")
+    assert release.citation() == "C: *A: B*, version 1.2.0, 2026-01-02."

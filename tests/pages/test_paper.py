@@ -264,7 +264,7 @@ def test_nothing_reaches_into_the_margins(volume):
         grey = np.asarray(page.render(scale=1, grayscale=True).to_pil())
         columns, rows = np.flatnonzero(grey.min(axis=0) < 250), np.flatnonzero(grey.min(axis=1) < 250)
         assert columns.size == 0 or (left - 1 <= columns[0] and columns[-1] <= right + 1), number
-        assert rows.size == 0 or (8 * MM <= rows[0] and rows[-1] <= height - 8 * MM), number
+        assert rows.size == 0 or (rows[0] >= 8 * MM and rows[-1] <= height - 8 * MM), number
 
 
 @each

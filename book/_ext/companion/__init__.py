@@ -1,8 +1,20 @@
 """The Sphinx extension of this book: equation numbers, offline pages, accessibility, generated appendices."""
 
-from companion import accessible, api, equations, ledger, links, listing, mathematics, offline, record, repository
+from companion import (
+    accessible,
+    api,
+    downloads,
+    equations,
+    ledger,
+    links,
+    listing,
+    mathematics,
+    offline,
+    record,
+    repository,
+)
 
-PARTS = (equations, mathematics, offline, accessible, repository, ledger, links, listing, record, api)
+PARTS = (equations, mathematics, offline, accessible, repository, ledger, links, listing, record, api, downloads)
 
 
 def setup(app):
