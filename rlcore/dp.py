@@ -11,11 +11,13 @@ from rlcore.core.compiled import compiled
 from rlcore.core.endings import grow, prefer_ends, settled
 from rlcore.core.results import Solution
 from rlcore.core.rules import checked
+from rlcore.core.running import interruptible, marks
 from rlcore.core.types import ArrayLike, Flags, Floats, Ints
 from rlcore.mdp import FiniteMDP, uniform_policy
 
 
 @checked
+@interruptible
 def policy_evaluation(
     mdp: FiniteMDP, pi: ArrayLike, gamma: float, *, tol: float = 1e-8, V0: ArrayLike = 0.0, in_place: bool = False,
     max_iter: int = 100_000, record: int = 0,
@@ -76,14 +78,17 @@ def policy_evaluation(
         V_new = V.copy()
         delta = evaluation_sweep(*_model(mdp), pi, gamma, V_new if in_place else V, V_new)
         V, n = V_new, n + 1
-        _keep(history, V, n, record)
+        if _keep(history, V, n, record):
+            break
     bound = policy_error_bound(mdp, pi, V, gamma)
     return Solution(V, q_from_v(mdp, V, gamma), pi, n, bool(delta < tol), bound, _kept(history, record))
 
 
 def _keep(history, V, n, record):
+    """Keep the n-th V where it is one of those that are kept. True where Ctrl-C came."""
     if record and n % record == 0:
         history.append(V)
+    return marks()[0] != 0
 
 
 def _kept(history, record):
@@ -158,6 +163,7 @@ def policy_improvement(mdp: FiniteMDP, V: ArrayLike, gamma: float, *, pi: ArrayL
 
 
 @checked(pi0=lambda name, pi, given: check_policy(given["mdp"], pi, name))
+@interruptible
 def policy_iteration(
     mdp: FiniteMDP, gamma: float, *, pi0: ArrayLike | None = None, max_iter: int = 1000, record: int = 0
 ) -> Solution:
@@ -211,7 +217,8 @@ def policy_iteration(
         pi_new = policy_improvement(mdp, V, gamma, pi=pi)
         stable = np.array_equal(pi_new, pi)
         pi, n = pi_new, n + 1
-        _keep(history, V, n, record)
+        if _keep(history, V, n, record):
+            break
     Q, bound = q_from_v(mdp, V, gamma), error_bound(mdp, V, gamma)
     if gamma == 1 and stable:
         settled(mdp, V, greedy(Q), greedy_actions(Q), 1e-9 * (1 + np.abs(V).max()))
@@ -219,6 +226,7 @@ def policy_iteration(
 
 
 @checked
+@interruptible
 def value_iteration(
     mdp: FiniteMDP, gamma: float, *, tol: float = 1e-8, V0: ArrayLike = 0.0, in_place: bool = False,
     max_iter: int = 100_000, record: int = 0,
@@ -277,7 +285,8 @@ def value_iteration(
         V_new = V.copy()
         delta = optimality_sweep(*_model(mdp), mdp.legal, gamma, V_new if in_place else V, V_new)
         V, n = V_new, n + 1
-        _keep(history, V, n, record)
+        if _keep(history, V, n, record):
+            break
     Q, bound = q_from_v(mdp, V, gamma), error_bound(mdp, V, gamma)
     pi = greedy(Q)
     if gamma == 1:
@@ -287,7 +296,8 @@ def value_iteration(
             if delta < tol
             else prefer_ends(mdp, pi, greedy_actions(Q))
         )
-        grow(mdp, pi)
+        if not marks()[0]:
+            grow(mdp, pi)
     return Solution(V, Q, pi, n, bool(delta < tol), bound, _kept(history, record))
 
 

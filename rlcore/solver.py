@@ -15,10 +15,11 @@ import numpy as np
 
 from rlcore.bellman import error_bound, greedy, greedy_actions, q_from_v
 from rlcore.core.chains import chain, reaches, solve_system
-from rlcore.core.compiled import compiled
-from rlcore.core.endings import settled
+from rlcore.core.compiled import alone, compiled
+from rlcore.core.endings import prefer_ends, settled
 from rlcore.core.results import Solution
 from rlcore.core.rules import checked
+from rlcore.core.running import interruptible, marks
 from rlcore.mdp import FiniteMDP, uniform_policy
 
 ULP = float(np.finfo(float).eps) / 2  # relative error of one operation
@@ -32,6 +33,7 @@ MOST = 100_000  # backups a state at gamma = 1, where nothing contracts
 
 
 @checked
+@interruptible
 def solve(mdp: FiniteMDP, gamma: float, tol: float = 1e-6) -> Solution:
     """Optimal values and policy with a certified error: max |V - v_*| <= bound.
 
@@ -79,11 +81,12 @@ def solve(mdp: FiniteMDP, gamma: float, tol: float = 1e-6) -> Solution:
     if gamma == 1:
         V, bound, n_iter = _undiscounted(mdp, tol)
         Q = q_from_v(mdp, V, gamma)
-        pi = settled(mdp, V, greedy(Q), greedy_actions(Q), 1e-9 * (1 + np.abs(V).max()))
+        pi, best = greedy(Q), greedy_actions(Q)
+        pi = prefer_ends(mdp, pi, best) if marks()[0] else settled(mdp, V, pi, best, 1e-9 * (1 + np.abs(V).max()))
     elif _is_dense(mdp):
         V, Q, pi, bound, n_iter = _solve_dense(mdp, gamma, tol)
     else:
-        V, Q, pi, bound, n_iter = _solve_sparse(*_arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, gamma, tol)
+        V, Q, pi, bound, n_iter = _solve_sparse(*_arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, gamma, tol, marks())
     return Solution(V, Q, pi, n_iter, bool(bound <= tol), bound, None)
 
 
@@ -92,18 +95,19 @@ def _arrays(mdp):
 
 
 @compiled
-def _solve_sparse(next_state, prob, reward, legal, terminal, gamma, tol):
-    """V, Q, pi, bound, number of sweeps."""
+@alone
+def _solve_sparse(next_state, prob, reward, legal, terminal, gamma, tol, marks):
+    """V, Q, pi, bound, number of sweeps. marks: (2,), the first is 0 while it is to go on."""
     r, low, scale = _expected_reward(prob, reward, legal, terminal)
     S, noise = r.shape[0], (prob.shape[2] + 6) * ULP  # of a backup: K products and sums, and a few more
     V, Q, pi = _lower_bound(low, terminal, gamma), np.empty_like(r), np.zeros(S, np.uint32)
-    stand = np.empty((S, prob.shape[2])), np.empty((S, prob.shape[2]), np.uint32), np.empty(S), np.empty(S)
+    stand = np.empty((S, prob.shape[2])), np.empty((S, prob.shape[2]), np.uint32), np.empty(S), np.empty(S), marks
     way = SWEEPS if prob.shape[2] > 1 else QUEUE  # where nothing is random nothing is forgotten
     small = tol * (1 - gamma) / max(gamma, 0.5)  # a residual that certifies tol / 2
     rounds, n_iter, bound, old, rounding = 0, 0, np.inf, np.inf, np.inf
-    while rounds == 0 or (bound > max(tol, 1.5 * rounding) and n_iter < 1000 + 60 / (1 - gamma)):
+    while rounds == 0 or (bound > max(tol, 1.5 * rounding) and n_iter < 1000 + 60 / (1 - gamma) and marks[0] == 0):
         if way == QUEUE:
-            n_iter += _queue(next_state, prob, r, terminal, gamma, V, small, max(QUEUE_CAP, 10**6 // S))
+            n_iter += _queue(next_state, prob, r, terminal, gamma, V, small, max(QUEUE_CAP, 10**6 // S), marks)
             way = POLICIES if n_iter > QUEUE_CAP else QUEUE
         elif rounds > 0:
             n_iter += _stand(next_state, prob, r, terminal, gamma, V, pi, 20 if way == POLICIES else STAND, *stand)
@@ -240,7 +244,7 @@ def _finish(Q, V, terminal, shift, half):
 
 
 @compiled
-def _stand(next_state, prob, r, terminal, gamma, V, pi, n, rows, columns, gain, old):
+def _stand(next_state, prob, r, terminal, gamma, V, pi, n, rows, columns, gain, old, marks):
     """n sweeps in which the actions pi stand, on a copy of their rows (2x). Returns n.
 
     rows, columns: (S, K), gain, old: (S,), to work in: fresh memory each time costs a fifth more at 10^6 states.
@@ -251,6 +255,8 @@ def _stand(next_state, prob, r, terminal, gamma, V, pi, n, rows, columns, gain, 
         for k in range(K):
             rows[s, k], columns[s, k] = prob[s, pi[s], k], next_state[s, pi[s], k]
     for _ in range(n):
+        if marks[0] != 0:
+            break
         old[:] = V
         for s in range(S):
             if not terminal[s]:
@@ -262,7 +268,8 @@ def _stand(next_state, prob, r, terminal, gamma, V, pi, n, rows, columns, gain, 
 
 
 @compiled
-def _queue(next_state, prob, r, terminal, gamma, V, small, most):
+@alone
+def _queue(next_state, prob, r, terminal, gamma, V, small, most, marks):
     """Back up the states that wait, first come first served; a change by more than small calls the predecessors.
 
     A state compares its actions on its first two visits and on each eighth after them (2x). Returns the number of
@@ -276,7 +283,7 @@ def _queue(next_state, prob, r, terminal, gamma, V, small, most):
         if not terminal[s]:
             queue[length], waits[s] = s, True
             length += 1
-    while length > 0 and n < most * S:
+    while length > 0 and n < most * S and marks[0] == 0:
         s = queue[head]
         head, length, n = head + 1 if head + 1 < S else 0, length - 1, n + 1
         waits[s] = False
@@ -362,9 +369,9 @@ def _solve_dense(mdp, gamma, tol):
         Q = r + gamma * (P @ V).reshape(S, A)
         V, shift, half, bound, _ = _certify(Q, V, mdp.terminal, pi, gamma, noise * scale, noise)
         n_iter += 1 + STAND
-        if bound <= tol:
+        if bound <= tol or marks()[0]:
             return *_finish(Q, V, mdp.terminal, shift, half), bound, n_iter
-    *found, more = _solve_sparse(*_arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, gamma, tol)
+    *found, more = _solve_sparse(*_arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, gamma, tol, marks())
     return *found, n_iter + more
 
 
@@ -377,9 +384,9 @@ def _undiscounted(mdp, tol):
     V = solve_system(P, r_pi, 1.0, mdp.terminal)
     r, _, scale = _expected_reward(mdp.prob, mdp.reward, mdp.legal, mdp.terminal)
     n_iter, bound, small, noise = 0, np.inf, tol, (mdp.prob.shape[2] + 6) * ULP * (scale + np.abs(V).max())
-    while bound > tol and small > noise:
+    while bound > tol and small > noise and not marks()[0]:
         small = max(small / 100, noise)
-        n_iter += (more := _queue(*_arrays(mdp), r, mdp.terminal, 1.0, V, small, MOST))
+        n_iter += (more := _queue(*_arrays(mdp), r, mdp.terminal, 1.0, V, small, MOST, marks()))
         if more >= MOST:
             raise ValueError(f"gamma: got 1, but values still grow after {MOST} sweeps, must be below 1 here")
         bound = error_bound(mdp, V, 1.0)

@@ -1,5 +1,6 @@
 """solve: its bound is never below the true error, whichever way it takes; the known faults of other libraries."""
 
+import inspect
 import os
 import subprocess
 import sys
@@ -144,7 +145,7 @@ def test_every_way_finds_the_same(mdp, monkeypatch):
     for patience, cap in ((np.inf, 400), (0.0, 10**6), (0.0, 0)):
         source = plain(PATIENCE=patience, QUEUE_CAP=cap)
         V, Q, pi, bound, n_iter = source["_solve_sparse"](
-            *quick._arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, 0.95, 1e-6
+            *quick._arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, 0.95, 1e-6, np.zeros(2, int)
         )
         assert np.abs(V - V_star).max() <= bound <= 1e-6
         assert np.abs(solve_policy(mdp, pi, 0.95) - V_star).max() <= 2 * 0.95 * bound / 0.05
@@ -154,7 +155,7 @@ def plain(**constants):
     """The compiled functions as plain Python, with other constants."""
     names = dict(vars(quick), **constants)
     for name, value in vars(quick).items():
-        function = getattr(value, "__wrapped__", getattr(value, "py_func", None))
+        function = inspect.unwrap(getattr(value, "__wrapped__", getattr(value, "py_func", None)))
         if function is not None:
             names[name] = type(function)(function.__code__, names, name)
     return names

@@ -106,6 +106,12 @@ def compiled(function: F) -> F:
     return _Lazy(function) if HAVE_NUMBA else function  # type: ignore[return-value]
 
 
+def alone(function: F) -> F:
+    """Mark a function that is to be compiled: other threads run meanwhile, such as the one that hears Ctrl-C."""
+    function.alone = True  # type: ignore[attr-defined]
+    return function
+
+
 def inlined(function: F) -> F:
     """A plain function outside, part of the machine code inside compiled functions that call it, unchecked there."""
     if HAVE_NUMBA:

@@ -11,14 +11,15 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
-from functools import cache
+from functools import cache, wraps
 from select import select
 from typing import Any
 
 import numpy as np
 
-from rlcore.core.types import OnEpisode
+from rlcore.core.types import F, Ints, OnEpisode
 
 STOPPED, LOST, ENOUGH = 1, 2, 3  # why a run ends: by Ctrl-C; estimates that are no numbers; by on_episode
 CUT = 2  # in place of the marks of terminal states in a Sampler: the episode is to end here
@@ -27,7 +28,10 @@ PAUSE = 0.5  # seconds between two looks at how far a run is
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C, or a notebook's stop button. run: the Run of what was learned so far, its `interrupted` True."""
+    """Ctrl-C, or a notebook's stop button. run: what was learned so far, a Run whose `interrupted` is True.
+
+    Of planning it is a Solution that has not converged.
+    """
 
     def __init__(self, run: Any) -> None:
         super().__init__("what was learned so far is in the `run` of this exception, sys.last_value.run")
@@ -45,7 +49,8 @@ class Watch:
     def __init__(self, n: int = 0, unit: str = "episodes") -> None:
         self.marks, self.terminal, self.asked = np.zeros(2, np.int64), np.zeros(0, np.uint8), False
         self.n, self.unit, self.start, self.bar, self.lock = n, unit, time.monotonic(), None, threading.Lock()
-        self.wanted = sys.stderr is not None and (sys.stderr.isatty() or os.environ.get("RLCORE_NOTES") == "1")
+        looked_at = sys.stderr is not None and (sys.stderr.isatty() or os.environ.get("RLCORE_NOTES") == "1")
+        self.wanted = n > 0 and looked_at
 
     def stop(self, why: int = STOPPED) -> None:
         """Ask the run to end, unless it has been asked."""
@@ -86,6 +91,34 @@ class Watch:
             self.wanted = False
             if self.bar is not None:
                 self.bar.close()
+
+
+_now: ContextVar[Watch | None] = ContextVar("watch", default=None)
+
+
+def interruptible(function: F) -> F:
+    """The function; after Ctrl-C its loop, which looks at marks(), ends, and what it returns is on an Interrupted."""
+
+    @wraps(function)
+    def call(*args, **kwargs):
+        watch = Watch()
+        before = _now.set(watch)
+        try:
+            with watched(watch):
+                found = function(*args, **kwargs)
+        finally:
+            _now.reset(before)
+        if watch.marks[0] == STOPPED:
+            raise Interrupted(found)
+        return found
+
+    return call  # type: ignore[return-value]
+
+
+def marks() -> Ints:
+    """Those of the Watch of the function that runs and is interruptible; the first is 0 while it is to go on."""
+    watch = _now.get()
+    return np.zeros(2, np.int64) if watch is None else watch.marks
 
 
 @contextmanager
