@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from pathlib import Path
 
 import gymnasium as gym
@@ -15,14 +16,17 @@ import pytest
 from test_learners import LEARNERS, play
 from worlds import awkward
 
+import rlcore.core.running as running
 from rlcore.actor_critic import actor_critic
 from rlcore.core.compiled import HAVE_NUMBA
 from rlcore.core.running import Interrupted, Watch
 from rlcore.core.worlds import MOST_STEPS
-from rlcore.envs import MDPEnv, cliff_walking, random_walk, recycling_robot
+from rlcore.dp import policy_evaluation, policy_iteration, value_iteration
+from rlcore.envs import MDPEnv, cliff_walking, gridworld, random_mdp, random_walk, recycling_robot
 from rlcore.mdp import FiniteMDP, sample_returns
 from rlcore.planning import dyna_q
 from rlcore.reinforce import reinforce
+from rlcore.solver import solve
 from rlcore.td import q_learning, td0
 from rlcore.traces import sarsa_lambda
 
@@ -80,12 +84,46 @@ def test_what_diverges_softly_says_so_too():
         actor_critic(random_walk(5), 1.0, 200, alpha=1e300, alpha_w=1e300, max_steps=100, rng=rng())
 
 
+def explode(world, **options):
+    options = dict(alpha=0.7, epsilon=0.1, max_steps=200, rng=rng()) | options
+    return sarsa_lambda(world, 1.0, 0.95, 20, trace="accumulating", **options)
+
+
+@pytest.mark.parametrize("world", [cliff_walking(), MDPEnv(cliff_walking())], ids=["process", "environment"])
+def test_what_grows_beyond_every_return_says_so(world):
+    """Finite, -2e13: a step costs 100 at most."""
+    with pytest.warns(
+        RuntimeWarning, match=r"^alpha: got 0.7, must be smaller: an estimate is .*e\+13, and no"
+    ) as told:
+        run = explode(world)
+    assert f"beyond {100.0 * run.lengths.sum():.3g}" in str(told[0].message) and told[0].filename == __file__
+    with pytest.warns(RuntimeWarning, match="and no return is beyond 1e"):
+        explode(world, Q0=-1e10, alpha=0.9)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        explode(world, alpha=0.1)
+        explode(world, alpha=0.1, Q0=-1e13)
+        sarsa_lambda(world, 0.9999, 0.9, 20, alpha=0.1, epsilon=0.1, Q0=-9e6, max_steps=100, rng=rng())
+
+
+def test_a_value_that_grows_beyond_every_return_says_so():
+    with pytest.warns(RuntimeWarning, match=r"^alpha_w: got 2.5, must be smaller: an estimate is .*, and no return"):
+        actor_critic(random_walk(5), 0.5, 10, alpha=1e-9, alpha_w=2.5, max_steps=100, rng=rng(1))
+
+
 # ---------------------------------------------------------------------- Ctrl-C
 
 
-def soon(seconds=0.5):
-    """A signal as Ctrl-C sends it, in a while."""
-    threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
+def soon(seconds=0.5, episodes=-1):
+    """A signal as Ctrl-C sends it, in a while, when more than so many episodes have ended."""
+
+    def send():
+        time.sleep(seconds)
+        while episodes >= 0 and not ((watch := running._ear(os.getpid()).watch) and watch.marks[1] > episodes):
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=send, daemon=True).start()
 
 
 @pytest.mark.parametrize("name", LEARNERS)
@@ -94,7 +132,7 @@ def test_a_compiled_loop_hears_ctrl_c(name):
         pytest.skip("nothing is compiled")
     mdp = awkward(start=0)
     whole = play(name, mdp, 50, record=10)  # compiled before the clock runs
-    soon()
+    soon(episodes=60)
     with pytest.raises(Interrupted) as stopped:
         play(name, mdp, 10**7, record=10**5)
     run = stopped.value.run
@@ -110,7 +148,7 @@ def test_a_stopped_run_is_the_run_of_fewer_episodes():
     """But for the last episode, which is cut where the signal came."""
     mdp, options = cliff_walking(), dict(alpha=0.1, epsilon=0.1)
     q_learning(mdp, 0.9, 1, rng=rng(), **options)
-    soon()
+    soon(episodes=1)
     with pytest.raises(Interrupted) as stopped:
         q_learning(mdp, 0.9, 10**7, rng=rng(), **options)
     run = stopped.value.run
@@ -131,7 +169,7 @@ def test_an_endless_episode_hears_ctrl_c(max_steps):
 def test_an_environment_hears_ctrl_c_and_is_left_as_it_was():
     env = Endless()
     env.slow = 0.001
-    soon()
+    soon(episodes=1)
     with pytest.raises(Interrupted) as stopped:
         q_learning(env, 0.9, 10**6, alpha=0.5, epsilon=0.1, max_steps=100, rng=rng())
     assert stopped.value.run.returns.size >= 1
@@ -156,6 +194,72 @@ def test_what_leaves_no_run_is_stopped_too():
     soon()
     with pytest.raises(KeyboardInterrupt):
         sample_returns(STAY, pi, 0.9, 1000, max_steps=10**9, **options)
+
+
+def wheel(n):
+    """n states around; each step goes on, or stays, at even odds; only state 0 pays. Slow to forget where it was."""
+    s = np.arange(n)
+    next_state = np.stack((np.stack(((s + 1) % n, s), 1), np.stack(((s - 1) % n, s), 1)), 1)
+    reward = np.zeros((n, 2, 2))
+    reward[0] = 1.0
+    everywhere = np.ones((n, 2), bool), np.zeros(n, bool), np.full(n, 1 / n)
+    return FiniteMDP(next_state, np.full((n, 2, 2), 0.5), reward, *everywhere)
+
+
+WALK = FiniteMDP.from_outcomes(  # gains in a loop at gamma = 1, out of which it can go
+    {(s, 0): [(1.0, (s + 1) % 2000, 1.0)] for s in range(2000)} | {(s, 1): [(1.0, 2000, 0.0)] for s in range(2000)}
+)
+ENDLESS = dict(tol=1e-300, max_iter=10**9)
+PLANNERS = {  # a short run, for the compiler, and a long one
+    "solve": (lambda: solve(wheel(9), 0.9), lambda: solve(wheel(30_000), 1 - 1e-7, 1e-300)),
+    "solve, undiscounted": (lambda: solve(gridworld(), 1.0), lambda: solve(WALK, 1.0)),
+    "value_iteration": (lambda: value_iteration(wheel(9), 0.9), lambda: value_iteration(wheel(9), 1 - 1e-9, **ENDLESS)),
+    "policy_evaluation": (
+        lambda: policy_evaluation(wheel(9), UNIFORM, 0.9),
+        lambda: policy_evaluation(wheel(9), UNIFORM, 1 - 1e-9, **ENDLESS, record=2),
+    ),
+}
+UNIFORM = np.full((9, 2), 0.5)
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_planning_hears_ctrl_c(name):
+    if not HAVE_NUMBA:
+        pytest.skip("nothing is compiled")
+    short, long = PLANNERS[name]
+    short()
+    soon()
+    with pytest.raises(Interrupted) as stopped:
+        long()
+    found = stopped.value.run
+    assert not found.converged and found.n_iter >= 1 and np.isfinite(found.V).all()
+    if name == "solve":
+        other = solve(wheel(30_000), 1 - 1e-7, 1e3)
+        assert np.abs(found.V - other.V).max() <= found.bound + other.bound < np.inf
+    if name == "value_iteration":
+        again = value_iteration(wheel(9), 1 - 1e-9, tol=1e-300, max_iter=found.n_iter)
+        np.testing.assert_array_equal(found.V, again.V)
+    if name == "policy_evaluation":
+        assert len(found.history) == 1 + found.n_iter // 2
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("plan", [
+    lambda: solve(DENSE, 0.99, 1e-300), lambda: solve(wheel(9), 0.99, 1e-300), lambda: policy_iteration(wheel(9), 0.99),
+    lambda: policy_iteration(DENSE, 0.99), lambda: value_iteration(gridworld(), 1.0), lambda: solve(gridworld(), 1.0),
+])  # fmt: skip
+def test_what_planning_is_stopped_with_is_certified(plan, monkeypatch):
+    """As if Ctrl-C came before all else."""
+    monkeypatch.setattr(Watch, "__init__", lambda watch, *_, init=Watch.__init__: init(watch) or watch.stop())
+    with pytest.raises(Interrupted) as stopped:
+        plan()
+    monkeypatch.undo()
+    found, whole = stopped.value.run, plan()
+    assert not found.converged and found.n_iter < whole.n_iter
+    assert np.abs(found.V - whole.V).max() <= found.bound + whole.bound
+
+
+DENSE = random_mdp(100, 3, rng=rng())
 
 
 def test_a_handler_of_the_users_own_stays():

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rlcore.core.checks import Model
-from rlcore.core.compiled import HAVE_NUMBA, compiled
+from rlcore.core.compiled import HAVE_NUMBA, alone, compiled
 from rlcore.core.results import Run
 from rlcore.core.rules import checker, count
 from rlcore.core.running import ENOUGH, LOST, STOPPED, Interrupted, Watch, watched
@@ -48,12 +48,15 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
                 if name not in ("world", "rng")
             ]
             told = dict(n=given.get("n_episodes", 0), on_episode=given.get("on_episode"))
-            found, (why, ended) = run_loop(loop, given["world"], *inputs, rng=given["rng"], **told)
+            first = _first(given)
+            found, (why, ended), reward = run_loop(loop, given["world"], *inputs, rng=given["rng"], **told)
             if why == LOST:
                 raise ValueError(_lost(given, found, ended))
             if np.isnan(found[0]).any():
                 warnings.warn(_lost(given, found, ended), RuntimeWarning, stacklevel=2)
             made = result(given, *found)
+            if first is not None and (grown := _grown(given, made, first, reward)):
+                warnings.warn(grown, RuntimeWarning, stacklevel=2)
             made = shorter(made, given, interrupted=why == STOPPED) if why and isinstance(made, Run) else made
             if why == STOPPED:
                 raise Interrupted(made)
@@ -74,6 +77,31 @@ def _lost(given, found, ended):
     return f"{name}: got {got}, must be smaller: estimates are no finite numbers any more {place}"
 
 
+def _size(table):
+    return np.abs(table, where=np.isfinite(table), out=np.zeros(np.shape(table))).max()
+
+
+def _first(given):
+    """Size of the first estimates, before the loop writes there; None where estimates stay between targets."""
+    if "alpha_w" in given:
+        return _size(given["features"][0] @ given["w0"])
+    return _size(given.get("Q0", given.get("V0"))) if "lam" in given else None
+
+
+def _grown(given, run, first, reward):
+    """What to say where estimates are many times what any return can be, "" where they are not."""
+    table, gamma, world = run.V if run.Q is None else run.Q, given["gamma"], given["world"]
+    if table is None or (size := _size(table)) <= 1e3:
+        return ""
+    reward = _size(world.reward) if isinstance(world, Model) else reward
+    limit = max(first, reward / (1 - gamma) if gamma < 1 else first + reward * run.lengths.sum())
+    if size <= 10 * limit:
+        return ""
+    name = "alpha_w" if "alpha_w" in given else "alpha"
+    must = f"must be smaller: an estimate is {size:.3g}, and no return is beyond {limit:.3g}"
+    return f"{name}: got {given[name].first}, {must}"
+
+
 def shorter(run: Run, given: Given, *, interrupted: bool) -> Run:
     """The Run of the episodes that were begun, where it was to have more of them."""
     n, record = np.count_nonzero(run.lengths), given["record"]
@@ -87,8 +115,7 @@ def _positional(function):
     code = code.replace(co_argcount=code.co_argcount + code.co_kwonlyargcount, co_kwonlyargcount=0)
     flat = types.FunctionType(code, function.__globals__, function.__name__)
     flat.__qualname__, flat.__module__ = function.__qualname__, function.__module__
-    flat.alone = True  # other threads run meanwhile, such as the one that hears Ctrl-C
-    return flat
+    return alone(flat)
 
 
 @compiled
@@ -123,7 +150,8 @@ def note(world: Any, history: Floats, table: Floats, k: int, record: int) -> boo
 def run_loop(
     loop: Callable[..., Any], world: World, *args: Any, rng: Rng, n: int = 0, on_episode: OnEpisode | None = None
 ) -> Any:
-    """(loop(world, *args, rng), watch) on a FiniteMDP; where world is an environment, the same body with its steps.
+    """loop(world, *args, rng) on a FiniteMDP; on an environment, the same body with its steps. With it the marks of its
+    Watch, and the size of the largest reward, where an environment gave it.
 
     The environment draws from `rng`, too, so that MDPEnv(mdp) gives what mdp gives, bit by bit. n: episodes, for a bar.
     """
@@ -135,27 +163,12 @@ def run_loop(
             if on_episode is not None or not HAVE_NUMBA:
                 told = _Told(watch, on_episode)
                 loop = interpreted(loop, log=told.log, note=told.note)
-            return loop(sampler, *args, rng), watch.marks.tolist()
+            return loop(sampler, *args, rng), watch.marks.tolist(), 0.0
         with lent(world, rng):
             guard, told = Guard(world, seed=int(rng.spawn(1)[0].integers(2**31))), _Told(watch, on_episode)
             world.unwrapped.np_random = rng
-            changes = dict(
-                log=told.log, note=told.note, reset=lambda env, rng: guard.reset(), act=_acting(guard, watch)
-            )
-            return interpreted(loop, **changes)(world, *args, rng), watch.marks.tolist()
-
-
-def _acting(guard, watch):
-    step = guard.step
-
-    def act(env, s, a, rng):
-        if a < 0:  # no action is the best one: the estimates are no numbers any more
-            watch.stop(LOST)
-            return s, 0.0, False, True
-        s_next, r, terminated, truncated = step(a)
-        return s_next, r, terminated, truncated or watch.asked
-
-    return act
+            changes = dict(log=told.log, note=told.note, reset=lambda env, rng: guard.reset(), act=guard.acting(watch))
+            return interpreted(loop, **changes)(world, *args, rng), watch.marks.tolist(), guard.largest
 
 
 class _Told:
@@ -183,17 +196,26 @@ class _Told:
 
 
 def interpreted(loop: Callable[..., Any], **changes: Any) -> Callable[..., Any]:
-    """The Python body of a compiled function, and of those that act for it, with other globals, formulas unchecked."""
-    body = getattr(loop, "__wrapped__", None) or getattr(loop, "py_func", loop)
+    """The Python body of a compiled function with other globals, formulas unchecked.
+
+    So are those that it calls with a generator or a schedule, which numba takes 1 to 7 us to unpack.
+    """
+    body = _body(loop)
     names = body.__globals__ | changes
-    for name in names.keys() & set(body.__code__.co_names):
+    for name in (names.keys() & set(body.__code__.co_names)) - changes.keys():
         formula = getattr(names[name], "unchecked", None)
-        if formula is not None or name in RECORDERS:
+        if formula is not None or {"rng", "schedule"} & set(_arguments(names[name])):
             names[name] = interpreted(formula or names[name], **changes)
     return types.FunctionType(body.__code__, names, body.__name__, body.__defaults__)
 
 
-RECORDERS = {"episode", "softmax_episode"}  # compiled functions that act in the world, called by learners
+def _body(function):
+    return getattr(function, "__wrapped__", None) or getattr(function, "py_func", function)
+
+
+def _arguments(function):
+    code = getattr(_body(function), "__code__", None)
+    return code.co_varnames[: code.co_argcount] if code else ()
 
 
 # ---------------------------------------------------------------------- what it leaves

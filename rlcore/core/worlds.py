@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -14,7 +14,7 @@ from rlcore.core.checks import HUGE, Model, check_count, is_discrete, show, spac
 from rlcore.core.compiled import compiled
 from rlcore.core.extras import extra
 from rlcore.core.rules import takes_none
-from rlcore.core.running import CUT
+from rlcore.core.running import CUT, LOST, Watch
 from rlcore.core.samples import all_finite
 from rlcore.core.sampling import draw, step
 from rlcore.core.types import Floats, Given, Ints, Rng
@@ -81,20 +81,12 @@ class Guard:
     """
 
     def __init__(self, env: Any, seed: int | None = None) -> None:
-        self.env, self.episode, self.t = env, 0, 0
-        self._step, actions = env.step, env.action_space
-        self._see = self._discrete if is_discrete(env.observation_space) else self._vector
-        if is_discrete(actions):
-            first = int(getattr(actions, "start", 0))
-            self._actions = range(first, first + int(actions.n)) if first else None
-        else:
-            self._actions = None
-        self._send = int if is_discrete(actions) else np.asarray
-        space = env.observation_space
+        self.env, self.episode, self.t, self.largest = env, 0, 0, 0.0
+        self._step, space, actions = env.step, env.observation_space, env.action_space
+        self._first_action = int(getattr(actions, "start", 0)) if is_discrete(actions) else None
+        self._see = self._discrete if is_discrete(space) else self._vector
         self._shape, self._dtype = getattr(space, "shape", None), getattr(space, "dtype", None)
-        self._first, self._n = 0, 0
-        if is_discrete(space):
-            self._first, self._n = int(getattr(space, "start", 0)), int(space.n)
+        self._first, self._n = (int(getattr(space, "start", 0)), int(space.n)) if is_discrete(space) else (0, 0)
         if seed is not None:  # of what it draws from; the first episode is yet to begin
             self.reset(seed=seed)
             self.episode = 0
@@ -108,26 +100,59 @@ class Guard:
 
     def step(self, a: Any) -> tuple[Any, float, bool, bool]:
         self.t += 1
-        a = self._send(a)
         try:
-            answer = self._step(a if self._actions is None else self._actions[a])
+            answer = self._step(np.asarray(a) if self._first_action is None else int(a) + self._first_action)
         except Exception as error:
-            error.add_note(f"in the step of the environment, {self._place()}")
-            raise
-        if type(answer) is not tuple or len(answer) != 5:
+            self._pass_on(error)
+        return self._look(answer)
+
+    def acting(self, watch: Watch) -> Callable[..., tuple[int, float, bool, bool]]:
+        """step for the loops of tables, in place of `act`: what is plainly right passes at once, the rest is looked at.
+
+        The episode is cut where watch asks to stop, and where no action is the best one: estimates are no numbers then.
+        largest: the size of the largest reward.
+        """
+        step, first, n = self._step, self._first_action, 0 if self._first else self._n
+        most = 0.0
+
+        def act(world, s, a, rng):
+            nonlocal most
+            if a < 0:
+                watch.stop(LOST)
+                return s, 0.0, False, True
+            self.t += 1
+            try:
+                answer = step((a if type(a) is int else int(a)) + first)
+            except Exception as error:
+                self._pass_on(error)
+            if type(answer) is tuple and len(answer) == 5:
+                s_next, r, terminated, truncated, _ = answer
+                if (
+                    type(s_next) is int and 0 <= s_next < n and (type(r) is float or type(r) is int)
+                    and -most <= r <= most and type(terminated) is bool and type(truncated) is bool
+                ):  # fmt: skip
+                    return s_next, float(r), terminated, truncated or watch.asked
+            s_next, r, terminated, truncated = self._look(answer)
+            most = self.largest = max(most, abs(r))
+            return s_next, r, terminated, truncated or watch.asked
+
+        return act
+
+    def _look(self, answer):
+        if not isinstance(answer, tuple) or len(answer) != 5:
             self._complain_of_size(answer)
         s, r, terminated, truncated, _ = answer
-        if type(r) is not float:
-            r = float(r) if type(r) is int and -HUGE <= r <= HUGE else self._number(r)
-        if not -HUGE <= r <= HUGE:
-            self._complain(f"reward {r}", "a finite number")
+        if type(r) is not float or not -HUGE <= r <= HUGE:
+            r = self._number(r)
         if type(terminated) is not bool:
             terminated = self._flag("terminated", terminated)
         if type(truncated) is not bool:
             truncated = self._flag("truncated", truncated)
-        if type(s) is int and self._first == 0 and 0 <= s < self._n:
-            return s, r, terminated, truncated
         return self._see(s), r, terminated, truncated
+
+    def _pass_on(self, error: Exception) -> NoReturn:
+        error.add_note(f"in the step of the environment, {self._place()}")
+        raise error
 
     def _asked(self, call, what, **options):
         try:
@@ -169,7 +194,10 @@ class Guard:
         found = np.asarray(r) if isinstance(r, (int, float, np.ndarray, np.generic, list, tuple)) else np.array(None)
         if found.shape not in ((), (1,)) or found.dtype.kind not in "biuf":
             self._complain(f"reward {show(r)}", "a number")
-        return float(found.reshape(()))
+        r = float(found.reshape(()))
+        if not -HUGE <= r <= HUGE:
+            self._complain(f"reward {r}", "a finite number")
+        return r
 
     def _flag(self, name, value):
         found = np.asarray(value)
