@@ -1,12 +1,11 @@
 """The slow experiments of chapter 8: PPO on cart-pole and in a maze, actions cut to their range, a step that falls.
 
-    python benchmarks/chapter8.py          what is not done yet, to book/data/chapter8_*.csv: 55 minutes of a core
+    python benchmarks/chapter8.py          what is not done yet, to book/data/chapter8_*.csv: 45 minutes of a core
     python benchmarks/chapter8.py table    what the tables hold
 
 Runs are kept in _build/chapter8/, one file each: stop when you like, the same command goes on. `chapter8_runs.csv` has
 a row for each run, `chapter8_curves.csv` one for each setting and rollout, over the seeds; `chapter8_actions.csv` the
-runs on HalfCheetah and Swimmer; `chapter8_late.csv` those on the double pendulum, `chapter8_reacher.csv` those on
-Reacher without any limit but actions cut to their range, a million steps each.
+runs on HalfCheetah and Swimmer; `chapter8_late.csv` those on the double pendulum, a million steps each.
 """
 
 import argparse
@@ -100,10 +99,6 @@ def main():
     rows = [r.result | r.setting | dict(seed=r.seed, anneal=int(r.setting["anneal"])) for r in records if not r.error]
     columns = ["anneal", "seed", "score", "kl", "largest_kl", "entropy", *figure61.COLUMNS[-figure61.POINTS :]]
     write("chapter8_late.csv", columns, rows)
-    common = dict(task="Reacher", setting="none", n_steps=1_000_000, clip_actions=True)
-    records = sweep(figure61.run, [common], range(3), STORE, progress=True)
-    rows = [r.result | dict(seed=r.seed) for r in records if not r.error]
-    write("chapter8_reacher.csv", columns[1:], rows)
 
 
 def tables(records):

@@ -36,12 +36,12 @@ COLUMNS = ["task", "setting", "seed", "steps", "episodes", "score", "kl", "large
 COLUMNS += [f"return_{i}" for i in range(1, POINTS + 1)]
 
 
-def run(task, setting, n_steps, rng, *, anneal=False, clip_actions=False):
+def run(task, setting, n_steps, rng, *, anneal=False):
     """One run: mean return of the last 100 episodes, what the updates did, and the returns in tenths of the run."""
     if setting == RANDOM:
         return random_run(task, rng)
-    as_given = dict(clip_actions=clip_actions, scale_actions=False)
-    config = PPOConfig(normalise_observations=True, anneal=anneal, **as_given, **SETTINGS[setting])
+    plain = dict(clip_actions=False, scale_actions=False)
+    config = PPOConfig(normalise_observations=True, anneal=anneal, **plain, **SETTINGS[setting])
     ends = []
     done = ppo(f"{task}-v5", rng=rng, n_steps=n_steps, config=config, on_episode=lambda _, steps: ends.append(steps))
     result = summary(done, ends, n_steps)

@@ -470,3 +470,10 @@ def test_days_of_learning_are_written_in_their_units():
     assert ax.get_xscale() == "log" and labels(ax)[::2] == ("days", "experience")
     near([line.get_xdata()[0] for line in ax.lines], [1, 365.25, 80 * 365.25])
     assert [text.strip() for text in words(ax)][-3:] == ["day", "year", "80 years"]
+
+
+def test_progress_draws_the_spread_that_it_is_given():
+    fig = plots.progress([1, 2], {"a": [1.0, 2.0]}, "x", "y", spread={"a": [[0.0, 1.0], [3.0, 5.0]]})
+    corners = {tuple(corner) for corner in fig.axes[0].collections[0].get_paths()[0].vertices}
+    assert corners == {(1, 0), (2, 1), (2, 5), (1, 3)}
+    np.testing.assert_array_equal(fig.axes[0].lines[0].get_ydata(), [1, 2])
