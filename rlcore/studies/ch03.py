@@ -98,7 +98,7 @@ def spread_updates(
 def _spread_updates(world, prob, pairs, Q0, gamma, n_updates, epsilon, follow, record, rng):
     Q, visits = Q0.copy(), np.zeros(Q0.shape, np.int64)
     history = np.zeros((n_updates // record + 1, *Q0.shape))
-    history[0] = Q
+    keep(history, 0, Q)
     s = draw(world.start_cdf, rng)
     for i in range(n_updates):
         if follow:

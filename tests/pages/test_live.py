@@ -267,7 +267,7 @@ def test_what_was_written_is_kept_in_this_browser(new):
     one = new(EXERCISES).open()
     n = one.find("chances = ...")
     one.answer(n, "chances = 0.925, 0.025, 1 - 0.975 ** 10")
-    assert one.tab.query_selector(".live-kept").inner_text().startswith("1 of 16 passed")
+    assert one.tab.query_selector(".live-kept").inner_text().startswith("1 of ")
     one.open()
     one.tab.wait_for_selector(".live-kept")
     assert "0.975" in one.cell(n).query_selector(".cm-content").inner_text()
