@@ -10,6 +10,7 @@ import numpy as np
 
 from rlcore.core.checks import as_integers, check_count, check_positive, finite, show
 from rlcore.core.compiled import compiled
+from rlcore.core.learner import keep
 from rlcore.core.results import Run
 from rlcore.core.rules import checked, choice, count, function_of
 from rlcore.core.sampling import draw, step
@@ -113,7 +114,7 @@ def _spread_updates(world, prob, pairs, Q0, gamma, n_updates, epsilon, follow, r
         Q[s, a] = q  # eq-17
         visits[s, a] += 1
         if (i + 1) % record == 0:
-            history[(i + 1) // record] = Q
+            keep(history, (i + 1) // record, Q)
         if follow:
             s, _ = step(world, s, a, rng)
             if world.terminal[s]:
