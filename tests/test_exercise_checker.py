@@ -1,5 +1,6 @@
 """The checker against right answers in other types, wrong ones in none, and answers that mean harm."""
 
+import functools
 import os
 import sys
 import time
@@ -21,9 +22,14 @@ VALUES = [e for e in ALL if not e.is_function]
 HERE = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
 
 
+@functools.cache
+def solution_of(exercise):
+    return exercise.bind(exercise.solution)
+
+
 def solved(exercise, change):
     """The solution, whose result is changed."""
-    right = exercise.bind(exercise.solution)
+    right = solution_of(exercise)
     return (lambda *a: change(right(*a))) if exercise.is_function else change(right)
 
 

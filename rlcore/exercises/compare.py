@@ -49,7 +49,7 @@ class Rule:
 def difference(got: Any, expected: Any, rule: Rule) -> str | None:
     """None where got is expected by the rule; otherwise what is wrong, in one sentence."""
     if isinstance(expected, Judged):
-        return expected.judge(got)
+        return expected.judge(_in_floats(got))
     if isinstance(expected, FiniteMDP):
         return _mdp_difference(got, expected)
     if isinstance(expected, np.ndarray):
@@ -133,6 +133,16 @@ def _how(got, expected, rule):
     return f"is {far}too {'high' if got > expected else 'low'}"
 
 
+def _in_floats(value):
+    """Arrays of objects that are numbers as arrays of floats, in tuples and lists, too."""
+    if isinstance(value, (tuple, list)):
+        return [_in_floats(part) for part in value]
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        values = [number(v) for v in value.ravel()]
+        return value if None in values else np.array(values).reshape(value.shape)
+    return value
+
+
 def _array_difference(got, expected, rule):
     if isinstance(got, (tuple, list)) and not rule.arrays:
         try:
@@ -145,8 +155,7 @@ def _array_difference(got, expected, rule):
     if got.shape != expected.shape:
         return f"the result has shape {got.shape}, expected {expected.shape}"
     numeric = expected.dtype.kind in "iuf"
-    if got.dtype == object and numeric and None not in (values := [number(v) for v in got.ravel()]):
-        got = np.array(values).reshape(got.shape)
+    got = _in_floats(got) if numeric else got
     if got.dtype.kind not in ("iuf" if numeric else expected.dtype.kind):
         return f"the result holds {got.dtype} values, expected {expected.dtype}"
     close = _close(got.astype(float), expected.astype(float), rule) if numeric else got == expected
