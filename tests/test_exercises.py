@@ -53,7 +53,7 @@ def run_here(function, seconds):
     lines = itertools.count()
 
     def trace(frame, event, arg):
-        if frame.f_code.co_filename.startswith("<ch"):
+        if frame.f_code.co_filename[1:-1] in EXERCISES:
             if next(lines) > 100_000:
                 raise Crash("never ends")
             return trace
