@@ -98,6 +98,7 @@ TESTS = {  # in the order in which they are most likely to notice
     "exercises.engine": "test_exercises",
     "exercises.sandbox": "test_exercises",
     "exercises.notebook": "test_exercises",
+    "exercises.own": "test_exercise_command",
     "explore": "test_explore",
     "core.endings": "test_endings test_dp",
     "core.files": "test_saving test_judging test_sweep",

@@ -1607,7 +1607,7 @@ Exercise(
     id="ch08-build-score",
     kind="build",
     tier="deep",
-    section="What else changes results",
+    section="Is the other program better?",
     title="The score of figure 61",
     statement=r"""
         Eleven settings on seven tasks with returns from $-100$ to 5000: how does one rank them? Build the score. `returns` is `(settings, tasks, seeds)`, `random` `(tasks,)` holds the return of a random policy. Shift and scale the returns of each task so that the random policy gets 0 and the best run of the task 1,

@@ -17,7 +17,7 @@ LABELS = dict.fromkeys(("fill in", "build", "experiment"), "a step of a longer b
 
 
 @dataclass(frozen=True)
-class Linear:
+class _Linear:
     """A network of one layer, whose text can be read: x @ w."""
 
     w: tuple
@@ -287,8 +287,8 @@ Exercise(
             _rollout(policy, value, x, np.array(age), T, np.random.default_rng(seed)),
         )
         for seed, (T, age) in enumerate(((3, (0, 0)), (6, (497, 10, 499)), (12, (0, 495))))
-        for policy in [Linear(((0.5, -0.5), (0.1, 0.3), (-3.0, 3.0), (-1.0, 1.0)))]
-        for value in [Linear((0.5, 1.0, -2.0, 0.5))]
+        for policy in [_Linear(((0.5, -0.5), (0.1, 0.3), (-3.0, 3.0), (-1.0, 1.0)))]
+        for value in [_Linear((0.5, 1.0, -2.0, 0.5))]
         for x in [np.vstack([rng.uniform(-0.2, 0.2, (len(age) - 1, 4)).round(2), [[0.1, 0.5, 0.2, 0.6]]])]
     ],
     hints=(
