@@ -134,6 +134,7 @@ TOO_SLOW = {  # interpreted, these take seconds or a minute each: left out, whic
     "test_figure61": "smoke_tier or a_tenth or annealing_depends or full_fills",
     "test_explore": "same_bytes",
     "test_exercises": "gets_its_own_message or line_of_the_solution or never_ends or the_command or not_there or claim",
+    "test_exercise_command": "not own or stay_away",
     "test_ppo": "test_cartpole[ or test_pendulum or inverted or policies_that or beta_of_100 or clipping_keeps",
 }
 HEAVY = {"torch": "torch", "sklearn": "sklearn.datasets", "plots": "matplotlib.pyplot"}  # named in tests: loaded first

@@ -82,7 +82,7 @@ import numpy as np
 
 CASES = {
     "ch01-backward-returns": [
-        dict(gamma=0.3, rewards=np.array([5.0, -1.0])),
+        dict(gamma=0.35, rewards=np.array([5.0, -1.0])),
         dict(rewards=np.array([1.0, 2.0]), gamma=0.25),
     ],
 }
@@ -138,6 +138,40 @@ def test_what_own_cases_expect_never_enters_the_notebook(own_cases):
     sent = pickle.loads(base64.b64decode(own.cell(cases).partition("'")[2].rstrip("')")))
     assert [list(given) for given in sent["ch01-backward-returns"]] == [["rewards", "gamma"]] * 2
     assert own.judge("ch01-backward-returns", cases["ch01-backward-returns"], None)[0] == "error"
+
+
+def spoils(rewards, gamma):
+    rewards[:] = 0.0
+    return rewards
+
+
+def raises(rewards, gamma):
+    raise KeyError("no such reward")
+
+
+@pytest.mark.parametrize(
+    "program, status, said",
+    [
+        (EXERCISES["ch01-backward-returns"].solution, None, ""),
+        (KNOWS_THE_PAGE, "failed", "own case 2: 1 of 2 entries differ"),
+        (spoils, "failed", "own case 1: changes its argument `rewards`"),
+        (raises, "error", "no such reward"),
+    ],
+)
+def test_answers_to_own_cases_are_judged_where_the_learner_is_not(
+    program, status, said, own_cases, tmp_path, monkeypatch
+):
+    id, space = "ch01-backward-returns", {}
+    if isinstance(program, str):
+        exec("import numpy as np\n" + program, space)
+        program = space["returns"] if "returns" in space else space[EXERCISES[id].name]
+    report, cases = tmp_path / "report", own.read(own_cases)
+    monkeypatch.setitem(own.last_answers, id, program)
+    monkeypatch.setenv("RLCORE_EXERCISES_REPORT", str(report))
+    exec(own.cell({**cases, "ch01-build-ferry": cases[id]}))  # one that was not answered
+    (line,) = report.read_text().splitlines()
+    found = own.judge(id, cases[id], json.loads(line))
+    assert found is None if status is None else (found[0] == status and said in found[1]), found
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rlcore.core.types import Floats
 from rlcore.envs.cartpole import cartpole_start, cartpole_step, cartpole_upright, steps_upright
 from rlcore.exercises.compare import Judged
 from rlcore.exercises.engine import Case, Exercise, Wrong
@@ -22,10 +23,10 @@ class _Linear:
 
     w: tuple
 
-    def __call__(self, x):
+    def __call__(self, x: Floats) -> Floats:
         return x @ np.array(self.w)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"lambda x: x @ np.array({self.w})"
 
 
