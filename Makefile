@@ -5,7 +5,6 @@
 # make live   the book, its cells run in the page    make bundle   the site as a zip, for a disk
 # make pdf    the book on paper, in two volumes      make epub     the book for a reader
 # make clean  remove what the build made
-
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3 python,$(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print("$(p)")' 2>/dev/null)))
 REQUIREMENTS ?= requirements.txt
 LOCK := $(if $(filter requirements.txt,$(REQUIREMENTS)),requirements.lock)

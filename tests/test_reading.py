@@ -43,6 +43,7 @@ CHAPTER = """<article><section id="a"><h1>1. One</h1><p>By <span class="math"><m
 href="exercises/01_x.html#e1">1.1</a>, <a class="to-record reference" href="record/01_x.html#r">r</a>,
 <a href="01_x.html#b">here</a>, <a href="https://example.org/">there</a>, <a href="nowhere.html">lost</a>,
 <a href="#no">lost</a>.</p><p><span id="b"></span><span id="unused"></span></p>
+<div class="math" id="eq"><span class="eqno">(1.7)<sup>r</sup></span></div>
 <div class="cell"><details class="hide"><summary>Show</summary><div class="cell_input"><pre>x = 1</pre></div></details>
 </div><div class="cell"><div class="cell_output"><div class="explore"><div class="title">T</div>
 <fieldset class="ordered"><legend>n</legend><input type="radio"><label>1</label><input checked type="radio">
@@ -53,7 +54,8 @@ src="data:,2"></div></div></div></div><div class="caption"><p>Figure 1.</p></div
 <div class="proof"><p>box</p></div></div><input id="t1"><label class="sd-tab-label">rlcore</label>
 <div class="sd-tab-content"><pre>def f(): ...</pre></div></div></section></article>""".replace("{v}", MATH.format(V))
 EXERCISES = """<article><section id="x"><h1>Exercises</h1><p><span id="e1"></span></p><section id="first">
-<h2>1. First</h2><p>Do.</p><div class="cell"><div class="cell_input"><pre>y = ...</pre></div></div>
+<h2>1. First</h2><p>Do <a href="../01_x.html">equation (1.7)</a>.</p>
+<div class="cell"><div class="cell_input"><pre>y = ...</pre></div></div>
 <div class="cell tag_check-e1"><div class="cell_input"><pre>check("e1", y)</pre></div></div>
 <details><summary>Hint 1</summary><p>Think.</p></details>
 <details><summary>Solution</summary><pre>y = 2</pre></details></section><section id="q"><h2>Questions</h2>
@@ -94,7 +96,9 @@ def test_links_lead_within_a_volume_or_to_the_other_and_what_leads_nowhere_is_to
         "there": ("https://example.org/", "outside"),
     }
     assert volumes.lost == [("book/01_x", "nowhere.html"), ("book/01_x", "#no")]
-    assert {tag["id"] for tag in article(volumes, 0).select("[id]")} == {"01-x--a", "01-x--b"}
+    assert {tag["id"] for tag in article(volumes, 0).select("[id]")} == {"01-x--a", "01-x--b", "01-x--eq"}
+    (equation,) = [a["href"] for a in article(volumes, 1).select("p:not(.leads) > a")]
+    assert equation == "#01-x--eq"
 
 
 def test_a_formula_is_text_until_it_is_put_back_and_keeps_its_point(volumes):

@@ -102,6 +102,12 @@ class Volumes:
     def link(self):
         """Ids get the name of their page; links lead to #id in the volume or to volume:id; ids without link go."""
         known = {page.name: ids(page) for pages in self.pages.values() for page in pages}
+        self.equations = {
+            (page.name, next(number.stripped_strings).strip("()")): number.find_parent("div", id=True)["id"]
+            for pages in self.pages.values()
+            for page in pages
+            for number in page.article.select("div.math[id] > .eqno")
+        }
         wanted = set()
         for volume, pages in self.pages.items():
             for page in pages:
@@ -112,7 +118,7 @@ class Volumes:
                     elif target is False:
                         a.unwrap()
                     else:
-                        name, anchor = target
+                        name, anchor = target = self.numbered(a, *target)
                         wanted.add(target)
                         there = self.home.get(name, volume)
                         a["href"] = f"{'' if there == volume else there + ':'}#{full(name, anchor)}"
@@ -128,6 +134,11 @@ class Volumes:
                     else:
                         tag["id"] = full(page.name, anchor)
                     seen.add(anchor)
+
+    def numbered(self, a, name, anchor):
+        """A link to a page that names one of its equations leads to the equation."""
+        equation = re.search(r"\((\d+\.\w+)\)", a.get_text())
+        return name, anchor or (equation and self.equations.get((name, equation[1]))) or anchor
 
     def target(self, page, href, known):
         """(page, anchor) of a link; None where it leaves the book, False where it leads to what is not printed."""

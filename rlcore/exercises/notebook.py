@@ -102,10 +102,10 @@ def page_of(module: Any) -> str:
 
 HOW = """Write your answer in the cell below a statement and run the check under it: it runs your answer on cases of its
 own, stops what never ends, and names the mistake where it is a usual one. `hint("{id}")` shows the hints one after the
-other, `solution(...)` the solution after them; on the page both are folded below each exercise.
+other, `solution(...)` the solution after them<span class="on-screen">; on the page both are folded below each exercise</span>.
 
-**How to work on it:** on the page, where it has buttons *Answer here*; in JupyterLab, which `make lab` opens; on a
-fork, where the workflow *exercises* checks each push. The button with the arrow at the top downloads the notebook."""
+<span class="on-screen">**How to work on it:** on the page, where it has buttons *Answer here*; in JupyterLab, which `make lab` opens; on a
+fork, where the workflow *exercises* checks each push. The button with the arrow at the top downloads the notebook.</span>"""
 
 
 def _head(module, exercises):
@@ -177,8 +177,11 @@ def _details(summary, text):
     return f"<details>\n<summary>{html.escape(summary)}</summary>\n\n{text}\n\n</details>"
 
 
+ASKED = '<span class="on-screen">Open the answer that you think is right; each says why it is, or is not.</span>'
+
+
 def _questions(questions):
-    parts = ["## Questions", "Open the answer that you think is right; each says why it is, or is not."]
+    parts = ["## Questions", ASKED]
     for number, question in enumerate(questions, 1):
         parts.append(f"**Question {number}.** {question.text}")
         for letter, (text, right, why) in zip("abcdef", question.choices):
