@@ -102,10 +102,12 @@ def page_of(module: Any) -> str:
 
 HOW = """Write your answer in the cell below a statement and run the check under it: it runs your answer on cases of its
 own, stops what never ends, and names the mistake where it is a usual one. `hint("{id}")` shows the hints one after the
-other, `solution(...)` the solution after them<span class="on-screen">; on the page both are folded below each exercise</span>.
+other, `solution(...)` the solution after them<span class="on-screen">; on the page both are folded below each
+exercise</span>.
 
-<span class="on-screen">**How to work on it:** on the page, where it has buttons *Answer here*; in JupyterLab, which `make lab` opens; on a
-fork, where the workflow *exercises* checks each push. The button with the arrow at the top downloads the notebook.</span>"""
+<span class="on-screen">**How to work on it:** on the page, where it has buttons *Answer here*; in JupyterLab, which
+`make lab` opens; on a fork, where the workflow *exercises* checks each push. The button with the arrow at the top
+downloads the notebook.</span>"""
 
 
 def _head(module, exercises):
