@@ -320,7 +320,7 @@ def opened(fold):
     fold.summary.decompose()
     first = fold.find(True)
     if first is None or first.name != "p":
-        first = new("p")
+        first = new("p", cls="question")
         fold.insert(0, first)
     first.insert(0, new("strong", name if name.endswith((".", "?", "!")) else f"{name}."))
     first.strong.insert_after(" ")
