@@ -1,6 +1,7 @@
 """What the PDF and the EPUB make of a page: formulas in words, tabs, folds, figures that move, links, numbers."""
 
 import bundle
+import epub
 import pages
 import pytest
 import speech
@@ -171,3 +172,14 @@ def test_the_bundle_asks_for_no_font_that_a_disk_refuses():
         bundle.PRELOAD.sub(b"", b'<link rel="preload" as="font" type="font/woff2" href="f.woff2" crossorigin>' + kept)
         == kept
     )
+
+
+@pytest.mark.parametrize(
+    "sign, variant, shown",
+    [("E", "double-struck", "𝔼"), ("R", "double-struck", "ℝ"), ("A", "script", "𝒜"), ("R", "script", "ℛ"),
+     ("θ", "bold-italic", "𝜽"), ("1", "bold", "𝟏"), ("+", "bold", "+")],
+)  # fmt: skip
+def test_readers_see_the_style_of_a_letter(sign, variant, shown):
+    inner = f'<mi mathvariant="{variant}" data-mjx-variant="-tex">{sign}</mi>'
+    namespace = ' xmlns="http://www.w3.org/1998/Math/MathML"'
+    assert epub.formula(MATH.format(inner)) == f'<math{namespace} alttext="{sign}"><mi>{shown}</mi></math>'

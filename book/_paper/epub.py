@@ -6,6 +6,7 @@ python book/_paper/epub.py     _build/paper/book.epub
 import base64
 import hashlib
 import re
+import unicodedata
 import uuid
 import zipfile
 from html import escape
@@ -39,10 +40,24 @@ ACCESS = {
 }
 
 
+def styled(sign, variant):
+    """A letter or digit in another style: readers go by the sign, not by the attribute."""
+    name = re.sub(r"^(LATIN|GREEK) | LETTER", "", unicodedata.name(sign))
+    for prefix in ("MATHEMATICAL ", ""):
+        try:
+            return unicodedata.lookup(f"{prefix}{variant.replace('bold-italic', 'bold italic').upper()} {name}")
+        except KeyError:
+            continue
+    return sign
+
+
 def formula(html):
     """Its MathML without what is MathJax's own, with its text for readers that know no MathML."""
     root = etree.fromstring(mathml(html))
     for element in root.iter():
+        if (variant := element.get("mathvariant", "normal")) != "normal" and len(element.text or "") == 1:
+            element.text = styled(element.text, variant)
+            del element.attrib["mathvariant"]
         for name in [name for name in element.attrib if name.startswith("data-")]:
             del element.attrib[name]
     root.set("alttext", said(mathml(html)))
