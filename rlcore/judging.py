@@ -80,11 +80,11 @@ def _agent(name, agent, given):
     agent = agent.policy if isinstance(agent, Run) else agent.pi if isinstance(agent, Solution) else agent
     if hasattr(agent, "forward") or (callable(agent) and not isinstance(agent, type)):
         return agent
-    if agent is None or isinstance(agent, (str, bytes, type)) or np.ndim(pi := finite(name, agent)) != 2:
+    if agent is None or isinstance(agent, (str, bytes, type)) or np.ndim(finite(name, agent)) != 2:
         raise ValueError(
             f"{name}: got {show(agent)}, must be a policy (S, A), a Run, an agent, a network or a function"
         )
-    return pi
+    return np.asarray(agent)  # float32 as it is: check_pi knows how exact its rows can be
 
 
 def _world(name, world, given):

@@ -15,6 +15,7 @@ from rlcore.core.checks import (
     check_finite,
     check_index,
     check_nonnegative,
+    check_probability,
     check_world,
     finite,
     model_of,
@@ -220,7 +221,13 @@ def estimate_model(
     return FiniteMDP.from_outcomes(model, n_states=n_states, n_actions=n_actions, start=start)
 
 
-@checked(world=check_world)
+def _below_one(name, gamma, given):
+    if check_probability(name, gamma) == 1:
+        raise ValueError(f"{name}: got 1, must be below 1: pairs that were never tried lead nowhere in the model")
+    return float(gamma)
+
+
+@checked(world=check_world, gamma=_below_one)
 def certainty_equivalent_control(
     world: FiniteMDP, gamma: float, n_episodes: int, *, epsilon: Rate = 0.1, unseen: float = 0.0,
     max_steps: int = 10_000, record: int = 0, rng: Rng,
@@ -232,7 +239,7 @@ def certainty_equivalent_control(
     world : FiniteMDP
         The process to act in; of it, the method knows A(s) and the terminal states.
     gamma : float
-        Discount, in [0, 1].
+        Discount, in [0, 1): pairs that were never tried lead nowhere in the model.
     n_episodes : int
         Number of episodes.
     epsilon : Rate

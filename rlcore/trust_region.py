@@ -9,7 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from rlcore.bellman import expected_visits, q_from_v, solve_policy
-from rlcore.core.checks import as_floats, check_finite, check_fraction, check_nonnegative, check_positive, finite
+from rlcore.core.checks import (
+    as_floats,
+    check_finite,
+    check_fraction,
+    check_nonnegative,
+    check_positive,
+    finite,
+    rounding,
+)
 from rlcore.core.rules import array, checked, function_of, instance
 from rlcore.core.samples import numbers
 from rlcore.core.types import ArrayLike, Floats
@@ -121,12 +129,13 @@ def old_policy(mdp: FiniteMDP, pi: ArrayLike, gamma: float) -> OldPolicy:
 
 def _policies(name, pi, given):
     """The rule of policies (..., S, A) beside an old one."""
+    rounded, error = rounding(pi)
     pi, shape = as_floats(name, pi), given["old"].pi.shape
     if pi.shape[-2:] != shape:
         raise ValueError(f"{name}: got shape {pi.shape}, must end in {shape}")
-    if not ((pi >= 0).all() and (np.abs(pi.sum(axis=-1) - 1) <= 1e-9).all()):
+    if not ((pi >= 0).all() and (np.abs(pi.sum(axis=-1) - 1) <= error).all()):
         raise ValueError(f"{name}: has a row that is no distribution, must be probabilities that sum to 1")
-    return pi
+    return pi / pi.sum(axis=-1, keepdims=True) if rounded else pi
 
 
 OLD = dict(old=instance(OldPolicy, "what old_policy returns"), pi=_policies)

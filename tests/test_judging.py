@@ -77,6 +77,15 @@ def test_results_stand_for_their_policy():
     np.testing.assert_array_equal(sampled.returns, evaluate(run.policy, mdp, 50, rng=rng()).returns)
 
 
+def test_a_policy_of_single_precision_is_what_it_rounds():
+    mdp = random_walk(5)
+    pi = np.full((7, 1), np.float32(1) + np.finfo(np.float32).eps)
+    exact, rounded = (evaluate(pi, mdp, 20, rng=np.random.default_rng(0)) for pi in (np.ones((7, 1)), pi))
+    assert np.array_equal(exact.returns, rounded.returns)
+    with pytest.raises(ValueError, match="^agent: row 0"):
+        evaluate(pi.astype(float), mdp, 20, rng=np.random.default_rng(0))
+
+
 def test_spaces_may_start_anywhere():
     assert evaluate([[0.0, 1.0], [1.0, 0.0]], Shifted(), 3, rng=rng()).returns.tolist() == [2.0] * 3
     assert evaluate(lambda s: 4 if s == 5 else 3, Shifted(), 3, rng=rng()).returns.tolist() == [2.0] * 3

@@ -205,6 +205,11 @@ def test_certainty_equivalence_of_one_endless_state_by_hand():
     assert run.Q[0, 0] == q[2] and run.V[0] == 2 * q[2] - 2 and run.policy.tolist() == [[1.0]]
 
 
+def test_certainty_equivalence_needs_a_discount():
+    with pytest.raises(ValueError, match="gamma: got 1, must be below 1: pairs that were never tried"):
+        certainty_equivalent_control(small_world(), 1.0, 2, rng=rng())
+
+
 def test_certainty_equivalence_is_told_what_does_not_have_to_be_learned():
     world = small_world()
     run = certainty_equivalent_control(world, 0.9, 2, max_steps=4, rng=rng())

@@ -86,6 +86,14 @@ def test_the_surrogate_is_the_mean_ratio_times_advantage_of_samples():
     assert abs(samples.mean() - sur.surrogate(OLD, NEW)) < 4 * samples.std() / np.sqrt(samples.size)
 
 
+def test_policies_of_single_precision_are_what_they_round():
+    old, single = sur.old_policy(MDP, PI, 0.9), np.array([PI, NEW], np.float32)
+    exact = single / single.sum(axis=-1, keepdims=True, dtype=float)
+    assert_allclose(sur.surrogate(old, single), sur.surrogate(old, exact), rtol=1e-14)
+    with pytest.raises(ValueError, match="^pi: has a row"):
+        sur.surrogate(old, single * np.float32(1.001))
+
+
 def test_the_surrogate_with_the_new_states_is_the_whole_difference():
     """Kakade and Langford's identity: eta(new) - eta(old) = sum over s of visits_new(s) sum over a of pi_new A_old."""
     new = sur.old_policy(MDP, NEW, 0.9)

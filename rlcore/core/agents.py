@@ -23,9 +23,20 @@ Gradient: TypeAlias = Array | tuple[Array, Array]  # with respect to logits, or 
 
 
 class Normaliser:
-    """Observations less their mean, over their deviation, both of all that was seen so far; cut at +-limit.
+    """Observations less their mean, over their deviation, both of all that was seen so far.
 
-    Source: Chan, Golub and LeVeque (1979) for the running sums.
+    Parameters
+    ----------
+    d : int
+        Numbers of an observation.
+    limit : float
+        What comes out is cut at +-limit.
+    dtype : Any
+        Of what comes out, as the networks take it.
+
+    References
+    ----------
+    Chan, Golub and LeVeque (1979), for the running sums.
     """
 
     @checked(d=count(), limit=check_positive)
@@ -60,13 +71,37 @@ def _writable(name, values):
 
 
 class ActorCritic:
-    """A policy and an estimate of its values: two networks, or one that shares its layers (cl-141).
+    """A policy and an estimate of its values: two networks, or one that shares its layers.
 
-    net: observations (B, d) to A logits or A means; with critic None it has one output more, the value.
-    critic: observations to (B, 1). log_std: (A,) where actions are continuous, learned, the same in every state; None
-    where they are discrete. normaliser: what observations pass through first, or None. box: (4, A), what becomes of
-    continuous actions before an environment gets them: centre and half of the range that -1 to 1 is stretched to,
-    lowest, highest.
+    Parameters
+    ----------
+    net : Network
+        Observations (B, d) to A logits or A means; without a critic it has one output more, the value.
+    critic : Network | None
+        Observations to (B, 1).
+    log_std : Floats | None
+        (A,) where actions are continuous, learned, the same in every state; None where they are discrete.
+    log_std_optimizer : Optimizer | None
+        What log_std learns by.
+    normaliser : Normaliser | None
+        What observations pass through first.
+    box : Floats | None
+        (4, A), what becomes of continuous actions before an environment gets them: centre and half of the range that
+        -1 to 1 is stretched to, lowest, highest.
+
+    Notes
+    -----
+    Ledger: cl-141.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore.core.agents import ActorCritic
+    >>> from rlcore.nn import MLP
+    >>> rng = np.random.default_rng(0)
+    >>> agent = ActorCritic(MLP([3, 8, 2], rng=rng), MLP([3, 8, 1], rng=rng))
+    >>> agent.values(np.zeros((5, 3))).shape
+    (5,)
     """
 
     @checked(

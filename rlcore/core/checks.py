@@ -227,6 +227,12 @@ def spaces(world: World) -> tuple[Flags, Flags]:
     return np.ones(sizes, bool), np.zeros(sizes[0], bool)
 
 
+def rounding(pi: Any) -> tuple[bool, float]:
+    """Whether a policy is of float32, as networks give them, and how far from 1 its rows may sum."""
+    rounded = getattr(pi, "dtype", None) == np.float32
+    return rounded, 1e-5 if rounded else 1e-9
+
+
 def check_policy(mdp: Model, pi: Any, name: str = "pi") -> Floats:
     """pi as a float array; ValueError unless it is (S, A) with rows that are distributions over A(s)."""
     return check_pi(check_mdp(mdp).legal, pi, name)
@@ -234,11 +240,11 @@ def check_policy(mdp: Model, pi: Any, name: str = "pi") -> Floats:
 
 def check_pi(legal: Flags, pi: Any, name: str = "pi") -> Floats:
     """As check_policy, where all that is known is which actions are legal, (S, A) bool."""
-    rounded = getattr(pi, "dtype", None) == np.float32  # as networks give them
+    rounded, error = rounding(pi)
     pi = as_floats(name, pi)
     if pi.shape != legal.shape:
         raise ValueError(f"{name}: got shape {pi.shape}, must be {legal.shape}")
-    bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= (1e-5 if rounded else 1e-9)))
+    bad = ~((pi >= 0).all(axis=1) & (np.abs(pi.sum(axis=1) - 1) <= error))
     if bad.any():
         s = np.flatnonzero(bad)[0]
         raise ValueError(f"{name}: row {s} is {pi[s]}, must be probabilities that sum to 1")

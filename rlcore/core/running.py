@@ -28,9 +28,12 @@ PAUSE = 0.5  # seconds between two looks at how far a run is
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C, or a notebook's stop button. run: what was learned so far, a Run whose `interrupted` is True.
+    """Ctrl-C, or a notebook's stop button: what was learned so far is its `run`.
 
-    Of planning it is a Solution that has not converged.
+    Parameters
+    ----------
+    run : Any
+        A Run whose `interrupted` is True; of planning a Solution that has not converged.
     """
 
     def __init__(self, run: Any) -> None:

@@ -32,10 +32,35 @@ def _pushes(name, a, given):
 
 @checked(x=_poles, a=_pushes)
 def cartpole_step(x: ArrayLike, a: ArrayLike) -> Floats:
-    """States (n, 4) one step of 0.02 s after pushing left (0) or right (1); a: (n,). ex-pole-episodic
+    """States one step of 0.02 s after a push.
 
-    A state is (position, velocity, angle, angular velocity). Constants and Euler steps are those of gymnasium's
-    CartPole-v1. Source: Barto, Sutton and Anderson (1983).
+    Constants and Euler steps are those of gymnasium's CartPole-v1.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        (..., 4): position in m, velocity, angle in radians, angular velocity.
+    a : ArrayLike
+        0 pushes left, 1 right: a number, or (...).
+
+    Returns
+    -------
+    Floats
+        (..., 4), the states that follow.
+
+    Notes
+    -----
+    Ledger: ex-pole-episodic.
+
+    References
+    ----------
+    Barto, Sutton and Anderson (1983).
+
+    Examples
+    --------
+    >>> from rlcore.envs.cartpole import cartpole_step
+    >>> cartpole_step([0.0, 0.0, 0.0, 0.0], 1).round(3)
+    array([ 0.   ,  0.195,  0.   , -0.293])
     """
     position, velocity, angle, spin = np.moveaxis(x, -1, 0)
     force = np.where(a, FORCE, -FORCE)
@@ -49,19 +74,62 @@ def cartpole_step(x: ArrayLike, a: ArrayLike) -> Floats:
 
 @checked(x=_poles)
 def cartpole_upright(x: ArrayLike) -> Flags:
-    """Whether a state (..., 4) is neither off the track nor past 12 degrees."""
+    """Whether a pole is neither off the track (2.4 m) nor past 12 degrees.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        (..., 4), as in `cartpole_step`.
+
+    Returns
+    -------
+    Flags
+        (...), true while it stands.
+    """
     return (np.abs(x[..., 0]) <= MAX_X) & (np.abs(x[..., 2]) <= MAX_ANGLE)
 
 
 @checked
 def cartpole_start(*, rng: Rng) -> Floats:
-    """A first state (4,), each part uniform between -0.05 and 0.05."""
+    """A first state, each part uniform between -0.05 and 0.05.
+
+    Parameters
+    ----------
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Floats
+        (4,).
+    """
     return rng.uniform(-0.05, 0.05, size=4)
 
 
 @checked
 def cartpole_transitions(n: int, *, rng: Rng) -> tuple[Floats, Ints, Floats]:
-    """n transitions under random pushes, from a new start after each fall: x (n, 4), a (n,), x_next (n, 4). fig-7"""
+    """Transitions under random pushes, from a new start after each fall.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    x : Floats
+        (n, 4), the states.
+    a : Ints
+        (n,), the pushes, 0 or 1.
+    x_next : Floats
+        (n, 4), what followed.
+
+    Notes
+    -----
+    Ledger: fig-7.
+    """
     x, a, x_next = np.zeros((n, 4)), (rng.random(n) < 0.5).astype(int), np.zeros((n, 4))
     state = cartpole_start(rng=rng)
     for t in range(n):
@@ -74,7 +142,26 @@ def cartpole_transitions(n: int, *, rng: Rng) -> tuple[Floats, Ints, Floats]:
 
 @checked(choose=function_of("the state (4,)"))
 def balance(choose: Callable[[Floats], int], n_steps: int = 200, *, rng: Rng) -> int:
-    """Steps (at most n_steps) before the pole falls when choose(x) picks the pushes. alg-mpc, ex-model-based"""
+    """How many steps a pole stays up.
+
+    Parameters
+    ----------
+    choose : Callable[[Floats], int]
+        choose(x) picks the push, 0 or 1, in state x (4,).
+    n_steps : int
+        Where to stop.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    int
+        Steps before the pole falls, at most n_steps.
+
+    Notes
+    -----
+    Ledger: alg-mpc, ex-model-based.
+    """
     x, t = cartpole_start(rng=rng), 0
     while t < n_steps and cartpole_upright(x):
         x = cartpole_step(x, choose(x))
@@ -91,9 +178,25 @@ def _many_poles(name, x, given):
 
 @checked(choose=function_of("the states (m, 4)"), x=_many_poles)
 def steps_upright(choose: Callable[[Floats], ArrayLike], x: ArrayLike, n_steps: int) -> Ints:
-    """Steps (n,), at most n_steps, before the pole falls from each first state x (n, 4). cl-114
+    """How many steps each of many poles stays up.
 
-    choose(x) picks the pushes (m,) of the m states (m, 4) that are still upright.
+    Parameters
+    ----------
+    choose : Callable[[Floats], ArrayLike]
+        choose(x) picks the pushes (m,) of the m states (m, 4) that are still upright.
+    x : ArrayLike
+        (n, 4), first states.
+    n_steps : int
+        Where to stop.
+
+    Returns
+    -------
+    Ints
+        (n,), steps before each falls, at most n_steps.
+
+    Notes
+    -----
+    Ledger: cl-114.
     """
     steps, left = np.zeros(len(x), int), np.flatnonzero(cartpole_upright(x))
     x = x[left]

@@ -24,11 +24,34 @@ def _two_or_three(name, n_actions, given):
 
 @checked(n_actions=_two_or_three)
 def catch(n_actions: int = 3) -> FiniteMDP:
-    """The game as a FiniteMDP of 250 states (row of the ball, its column, column of the paddle). ex-outcome, ex-up-down
+    """Catch as a process of 250 states: row of the ball, its column, column of the paddle.
 
-    The ball starts in the top row, its column random, the paddle in the middle; each of the 9 steps moves the ball a
-    row down and the paddle a column, walls permitting. +1 for a catch, -1 for a miss, 0 before. n_actions: 3 for left,
-    stay and right, 2 without stay. Source: Mnih et al. (2014); Osband et al. (2020), bsuite.
+    The ball starts in the top row of 10 x 5 pixels, its column random, the paddle in the middle. Each of the 9 steps
+    moves the ball a row down and the paddle a column, walls permitting. +1 for a catch, -1 for a miss, 0 before.
+
+    Parameters
+    ----------
+    n_actions : int
+        3 for left, stay and right, 2 without stay.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: ex-outcome, ex-up-down.
+
+    References
+    ----------
+    Mnih et al. (2014); Osband et al. (2020), bsuite.
+
+    Examples
+    --------
+    >>> from rlcore.envs.catch import catch
+    >>> catch().n_states, catch(2).action_names
+    (250, ('left', 'right'))
     """
     outcomes = {}
     for row, ball, paddle in np.ndindex(CATCH_ROWS - 1, CATCH_COLS, CATCH_COLS):
@@ -43,7 +66,13 @@ def catch(n_actions: int = 3) -> FiniteMDP:
 
 
 def catch_pixels() -> Floats:
-    """What the screen shows in each state, (250, 50) float32: row by row, 1 where the ball or the paddle is, else 0."""
+    """What the screen of `catch` shows in each state.
+
+    Returns
+    -------
+    Floats
+        (250, 50) float32: row by row, 1 where the ball or the paddle is, else 0.
+    """
     pixels = np.zeros((CATCH_ROWS * CATCH_COLS**2, CATCH_ROWS, CATCH_COLS), np.float32)
     for row, ball, paddle in np.ndindex(CATCH_ROWS, CATCH_COLS, CATCH_COLS):
         pixels[_number(row, ball, paddle), [row, -1], [ball, paddle]] = 1

@@ -18,10 +18,34 @@ def _few_cells(name, cols, given):
 
 @checked(rows=count(), cols=_few_cells, in_row=count())
 def game_values(rows: int = 3, cols: int = 3, in_row: int = 3) -> dict[tuple[int, int], int]:
-    """Value for the first player of every position that play can reach: {(x, o): 1, 0 or -1}. ex-chess, cl-023
+    """Value for the first player of every position that play can reach.
 
-    A position is a pair of integers whose bits are the cells of either player; x moves first and takes the maximum,
-    o the minimum: equation (16) with two players, solved in one pass from the last move to the first.
+    A position is a pair of integers whose bits are the cells of either player. x moves first and takes the maximum, o
+    the minimum: equation (16) with two players, solved in one pass from the last move to the first.
+
+    Parameters
+    ----------
+    rows : int
+        Rows of the board; rows * cols at most 12.
+    cols : int
+        Columns.
+    in_row : int
+        How many in a row, a column or a diagonal win.
+
+    Returns
+    -------
+    dict[tuple[int, int], int]
+        {(x, o): value}: 1 where the first player wins, -1 where the other does, 0 for a draw.
+
+    Notes
+    -----
+    Ledger: ex-chess, cl-023.
+
+    Examples
+    --------
+    >>> from rlcore.envs.games import game_values
+    >>> game_values()[0, 0]
+    0
     """
     lines, n = _lines(rows, cols, in_row), rows * cols
     levels = [{(0, 0)}]
@@ -40,10 +64,23 @@ def game_values(rows: int = 3, cols: int = 3, in_row: int = 3) -> dict[tuple[int
 
 @checked(opponent=choice("random", "perfect"))
 def tic_tac_toe(opponent: str = "random") -> FiniteMDP:
-    """Tic-tac-toe for the first player as a FiniteMDP: +1 for a win, -1 for a loss, action = cell. ex-chess
+    """Tic-tac-toe for the first player: +1 for a win, -1 for a loss, an action is a cell.
 
-    A state is a position in which x is to move; the opponent's answer belongs to the environment. opponent: "random"
-    (any free cell with equal chance) or "perfect" (any best answer with equal chance).
+    A state is a position in which x is to move; the opponent's answer belongs to the environment.
+
+    Parameters
+    ----------
+    opponent : str
+        "random": any free cell with equal chance; "perfect": any best answer with equal chance.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: ex-chess.
     """
     values, lines = game_values(), _lines(3, 3, 3)
     number = {xo: i for i, xo in enumerate(sorted(p for p in values if _bits(p) % 2 == 0 and _open(p, lines)))}

@@ -18,10 +18,33 @@ SAND = tuple(
 
 @checked(length=count(), putter=sized("length", 100), driver=count())
 def golf_line(length: int = 12, *, putter: int = 2, driver: int = 5) -> FiniteMDP:
-    """Golf in one dimension: states are distances 0 (the hole) to `length`, reward -1 a stroke. ex-golf-putter, fig-5
+    """Golf in one dimension: states are distances from the hole, reward -1 a stroke.
 
-    putter: the ball moves 1 to `putter` towards the hole, as chosen. driver: it moves exactly `driver`, past the hole
-    if need be; a drive never holes, a ball that would is left at distance 1. Start at the far end.
+    Parameters
+    ----------
+    length : int
+        The distance at the start; the hole is state 0.
+    putter : int
+        The ball moves 1 to `putter` towards the hole, as chosen; at most 100 and length.
+    driver : int
+        It moves exactly `driver`, past the hole if need be. A drive never holes: a ball that would is left at
+        distance 1.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: ex-golf-putter, fig-5.
+
+    Examples
+    --------
+    >>> from rlcore import solve
+    >>> from rlcore.envs.golf import golf_line
+    >>> solve(golf_line(6), 1.0).V
+    array([ 0., -1., -1., -2., -2., -2., -2.])
     """
     outcomes = {}
     for d in range(1, length + 1):
@@ -80,13 +103,43 @@ def golf_course(
     *, shape: Cell = (11, 31), hole: Cell = (5, 26), tee: Cell = (5, 4), sand: Collection[Cell] = SAND, putter: int = 4,
     driver: Cell = (3, 11), scatter: int = 1, with_driver: bool = True,
 ) -> FiniteMDP:  # fmt: skip
-    """A golf hole seen from above: cells numbered row by row, reward -1 a stroke. fig-5, ex-golf-driver, cl-018
+    """A golf hole seen from above: cells numbered row by row, reward -1 a stroke.
 
-    putter: reaches any cell at a distance of at most this, exactly; in sand it does not move the ball.
-    driver: (nearest, farthest) distance of the cell aimed at; the ball lands on any of the (2 scatter + 1)^2 cells
-    around it with equal chance, or on the edge of the grid where that is outside. A drive never holes: a ball on the
-    hole rolls one cell on. Actions are named "putter +0 -2": rows down, columns to the right.
-    Source: built after the contours of Sutton and Barto (2018), figure 3.3; the geometry is this book's own.
+    A drive never holes: a ball on the hole rolls one cell on. Actions are named "putter +0 -2": rows down, columns to
+    the right.
+
+    Parameters
+    ----------
+    shape : Cell
+        (rows, columns).
+    hole : Cell
+        The cell that ends the episode, not on the edge.
+    tee : Cell
+        The cell where it starts.
+    sand : Collection[Cell]
+        Cells from which the putter does not move the ball.
+    putter : int
+        It reaches any cell at a distance of at most this, exactly.
+    driver : Cell
+        (nearest, farthest) distance of the cell aimed at.
+    scatter : int
+        The ball of a drive lands on any of the (2 scatter + 1)^2 cells around the aim with equal chance, or on the
+        edge of the grid where that is outside.
+    with_driver : bool
+        Whether there is a driver.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: fig-5, ex-golf-driver, cl-018.
+
+    References
+    ----------
+    Built after the contours of Sutton and Barto (2018), figure 3.3; the geometry is this book's own.
     """
     S, hole, tee, *sand = shape[0] * shape[1], *(r * shape[1] + c for r, c in (hole, tee, *sand))
     putts, drives = _offsets("putter", shape, 1, putter), _offsets("driver", shape, *driver) if with_driver else []

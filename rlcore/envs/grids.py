@@ -34,10 +34,36 @@ def gridworld(
     n_rows: int = 4, n_cols: int = 4, *, terminals: ArrayLike | None = None, reward: float = -1.0,
     slip: float = 0.0,
 ) -> FiniteMDP:  # fmt: skip
-    """A grid of n_rows x n_cols cells, numbered row by row; moves off the grid stay. Source below.
+    """A grid of cells, numbered row by row; a move off the grid stays.
 
-    terminals: cells that end the episode; the default is the first and the last, as in figure 4.1 of Sutton and Barto
-    (2018). reward: of every step. slip: probability that the robot moves in one of the four directions at random.
+    Parameters
+    ----------
+    n_rows : int
+        Rows.
+    n_cols : int
+        Columns.
+    terminals : ArrayLike | None
+        Cells that end the episode, by number; the first and the last where None.
+    reward : float
+        Of every step.
+    slip : float
+        Probability that the move is in one of the four directions at random.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    References
+    ----------
+    Sutton and Barto (2018), figure 4.1.
+
+    Examples
+    --------
+    >>> from rlcore import solve
+    >>> from rlcore.envs.grids import gridworld
+    >>> solve(gridworld(2, 3), 1.0).V
+    array([ 0., -1., -1., -1., -1.,  0.])
     """
     S, A = n_rows * n_cols, len(MOVES)
     row, col = np.divmod(np.arange(S), n_cols)
@@ -91,10 +117,27 @@ def _goals(name, goals, given):
 def maze(
     n_rows: int, n_cols: int, *, walls: Collection[Cell] = (), start: Cell, goals: Mapping[Cell, float]
 ) -> FiniteMDP:
-    """A grid with walls: four moves, one that hits a wall or the edge stays; reaching a goal pays and ends the episode.
+    """A grid with walls: four moves, and goals that pay and end the episode.
 
-    walls: cells (row, column) that cannot be entered; they stay in the numbering as states that nothing reaches.
-    start: a cell. goals: {cell: reward}. Every other step pays 0, so that discounting alone makes short paths good.
+    A move into a wall or the edge stays. Every step but the last pays 0: discounting alone makes short paths good.
+
+    Parameters
+    ----------
+    n_rows : int
+        Rows.
+    n_cols : int
+        Columns.
+    walls : Collection[Cell]
+        Cells that cannot be entered; they stay in the numbering, as states that nothing reaches.
+    start : Cell
+        Where an episode begins.
+    goals : Mapping[Cell, float]
+        {cell: reward}.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
     """
     outcomes = {}
     for s in range(n_rows * n_cols):
@@ -115,20 +158,52 @@ def _place(name, cell, given):
 
 @checked(goal=_place, walls=anything)
 def dyna_maze(*, goal: Cell = (0, 8), walls: Collection[Cell] = DYNA_WALLS) -> FiniteMDP:
-    """The 6 x 9 maze: start (2, 0), goal (0, 8) with reward 1, seven walls, 14 steps at best. fig-12, ex-model-based
+    """The 6 x 9 maze: start (2, 0), reward 1 at the goal, seven walls, 14 steps at best.
 
-    goal, walls: move them to ask what a learned model is still good for. ex-model-transfer
-    Source: Sutton and Barto (2018), figure 8.2.
+    Parameters
+    ----------
+    goal : Cell
+        Move it to ask what a learned model is still good for.
+    walls : Collection[Cell]
+        Likewise.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: fig-12, ex-model-based, ex-model-transfer.
+
+    References
+    ----------
+    Sutton and Barto (2018), figure 8.2.
     """
     return maze(6, 9, walls=walls, start=(2, 0), goals={goal: 1.0})
 
 
 @checked(gap=choice("right", "left"))
 def blocking_maze(*, gap: str = "right") -> FiniteMDP:
-    """A 6 x 9 maze whose one passage is at the right end of the wall, or at the left end; start (5, 3). ex-model-wrong
+    """A 6 x 9 maze with one passage, at the right or the left end of its wall; start (5, 3).
 
-    gap: "right" (10 steps to the goal) or "left" (16 steps). The experiment closes the right end and opens the left.
-    Source: Sutton and Barto (2018), figure 8.4.
+    Parameters
+    ----------
+    gap : str
+        "right" (10 steps to the goal) or "left" (16 steps). The experiment closes the right one and opens the left.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: ex-model-wrong.
+
+    References
+    ----------
+    Sutton and Barto (2018), figure 8.4.
     """
     columns = range(8) if gap == "right" else range(1, 9)
     return maze(6, 9, walls=[(3, col) for col in columns], start=(5, 3), goals={(0, 8): 1.0})
@@ -136,17 +211,46 @@ def blocking_maze(*, gap: str = "right") -> FiniteMDP:
 
 @checked(near=check_finite, far=check_finite)
 def two_goal_maze(*, near: float = 0.2, far: float = 1.0) -> FiniteMDP:
-    """A 3 x 6 room: a small reward 2 steps left of the start, a large one 3 steps to the right. ex-explore
+    """A 3 x 6 room: one reward 2 steps left of the start, one 3 steps to the right.
 
-    near, far: the two rewards. At gamma = 0.95 they are worth 0.2 * 0.95 = 0.19 and 0.95^2 = 0.90 at the start.
+    At gamma = 0.95 the two of the defaults are worth 0.2 * 0.95 = 0.19 and 0.95^2 = 0.90 at the start.
+
+    Parameters
+    ----------
+    near : float
+        The reward on the left.
+    far : float
+        The reward on the right.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: ex-explore.
     """
     return maze(3, 6, start=(1, 2), goals={(1, 0): near, (1, 5): far})
 
 
 def cliff_walking() -> FiniteMDP:
-    """4 x 12 cells; every step costs 1, the cliff between start 36 and goal 47 costs 100 and leads back to the start.
+    """4 x 12 cells with a cliff between start (36) and goal (47).
 
-    A fall does not end the episode. fig-22, ex-cliff. Source: Sutton and Barto (2018), example 6.6.
+    Every step costs 1; a step into the cliff costs 100 and leads back to the start, without ending the episode.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: fig-22, ex-cliff.
+
+    References
+    ----------
+    Sutton and Barto (2018), example 6.6.
     """
     n_rows, n_cols, start, goal = 4, 12, 36, 47
     cliff = range(start + 1, goal)
@@ -160,10 +264,25 @@ def cliff_walking() -> FiniteMDP:
 
 @checked(king=check_flag, stay=check_flag)
 def windy_gridworld(*, king: bool = False, stay: bool = False) -> FiniteMDP:
-    """7 x 10 cells; the wind of the column left pushes up by 0, 1 or 2 cells; -1 a step, start (3, 0), goal (3, 7).
+    """7 x 10 cells, -1 a step, start (3, 0), goal (3, 7); a wind pushes up.
 
-    king: eight moves instead of four (7 steps at best instead of 15). stay: also a ninth action, which does not move.
-    Source: Sutton and Barto (2018), example 6.5 and exercise 6.9.
+    The wind of the column that is left pushes by 0, 1 or 2 cells.
+
+    Parameters
+    ----------
+    king : bool
+        Eight moves instead of four: 7 steps at best instead of 15.
+    stay : bool
+        Also a ninth action, which does not move.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    References
+    ----------
+    Sutton and Barto (2018), example 6.5 and exercise 6.9.
     """
     n_rows, n_cols, goal = 7, 10, 37
     moves = (KING if king else MOVES) | ({"stay": (0, 0)} if stay else {})

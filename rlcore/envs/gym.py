@@ -36,7 +36,13 @@ with extra("gym"):
 
 
 class LegalActions(gym.spaces.Discrete):
-    """Discrete actions of which sample() draws only those that are legal now, unless a mask says otherwise."""
+    """Discrete actions, of which sample() draws those that are legal now, unless told otherwise.
+
+    Parameters
+    ----------
+    env : MDPEnv
+        Whose actions they are.
+    """
 
     def __init__(self, env: MDPEnv) -> None:
         super().__init__(env.mdp.n_actions)
@@ -49,10 +55,24 @@ class LegalActions(gym.spaces.Discrete):
 
 
 class MDPEnv(gym.Env):
-    """A FiniteMDP behind gymnasium's interface: Discrete observations and actions, `terminated` at terminal states.
+    """A FiniteMDP behind gymnasium's interface: Discrete observations and actions.
 
-    Never truncates; wrap it in gymnasium.wrappers.TimeLimit for that. `P` and `initial_state_distrib` are the tables of
-    gymnasium's toy-text environments, info carries "action_mask". step raises ValueError for an action not in A(s).
+    `terminated` at terminal states; never truncates: wrap it in gymnasium.wrappers.TimeLimit for that. `P` and
+    `initial_state_distrib` are the tables of gymnasium's toy-text environments, info carries "action_mask". step
+    raises ValueError for an action not in A(s).
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+
+    Examples
+    --------
+    >>> from rlcore.envs import MDPEnv
+    >>> from rlcore.envs.small import random_walk
+    >>> env = MDPEnv(random_walk(5))
+    >>> env.reset(seed=0)
+    (3, {'action_mask': array([1], dtype=int8)})
     """
 
     metadata = {"render_modes": []}
@@ -97,10 +117,18 @@ class MDPEnv(gym.Env):
 
 
 class Catch(gym.Env):
-    """The game of `catch` seen as 50 pixels, a Box observation of 0 and 1, float32. ex-up-down, ex-outcome
+    """The game of `catch` seen as 50 pixels: a Box observation of 0 and 1, float32.
 
-    n_actions: 3 for left, stay and right, 2 without stay. Each episode has 9 steps and never truncates; `s` is the
-    state's number in `catch`.
+    An episode has 9 steps and never truncates; `s` is the state's number in `catch`.
+
+    Parameters
+    ----------
+    n_actions : int
+        3 for left, stay and right, 2 without stay.
+
+    Notes
+    -----
+    Ledger: ex-up-down, ex-outcome.
     """
 
     metadata = {"render_modes": []}

@@ -13,9 +13,28 @@ __all__ = ["Metered"]
 
 
 class Metered(FiniteMDP):
-    """A FiniteMDP whose `queries` counts the rows p(., . | s, a) that were read, one for each pair. cl-021
+    """A FiniteMDP whose `queries` counts the rows p(., . | s, a) that were read.
 
-    Stands in for the process in functions that are plain Python: heuristic_search, optimality_backup, q_from_v.
+    It stands in for the process in functions that are plain Python: heuristic_search, optimality_backup, q_from_v.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process it stands for.
+
+    Notes
+    -----
+    Ledger: cl-021.
+
+    Examples
+    --------
+    >>> from rlcore.bellman import optimality_backup
+    >>> from rlcore.envs.meter import Metered
+    >>> from rlcore.envs.small import two_state_mdp
+    >>> mdp = Metered(two_state_mdp())
+    >>> V, read = optimality_backup(mdp, [0.0, 0.0], 0.9), mdp.queries
+    >>> V, read
+    (array([0., 1.]), 4)
     """
 
     @checked

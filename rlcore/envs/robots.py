@@ -40,11 +40,43 @@ __all__ = [
 def recycling_robot(
     *, alpha: float = 0.9, beta: float = 0.6, r_search: float = 2.0, r_wait: float = 1.0, r_rescue: float = -3.0
 ) -> FiniteMDP:
-    """A robot that searches for cans, waits for them or recharges; states high and low charge. ex-recycling
+    """A robot that searches for cans, waits for them or recharges; charge high or low.
 
-    alpha, beta: probability that searching leaves a high, a low battery as it is. r_search, r_wait: expected cans per
-    step; r_rescue: reward when the battery runs empty and the robot is carried home. A(high) = {search, wait}.
-    Source: Sutton and Barto (2018), example 3.3.
+    A(high) = {search, wait}.
+
+    Parameters
+    ----------
+    alpha : float
+        Probability that searching leaves a high battery high.
+    beta : float
+        Probability that searching leaves a low battery low.
+    r_search : float
+        Expected cans of a step of searching.
+    r_wait : float
+        Expected cans of a step of waiting.
+    r_rescue : float
+        Reward when the battery runs empty and the robot is carried home.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: ex-recycling.
+
+    References
+    ----------
+    Sutton and Barto (2018), example 3.3.
+
+    Examples
+    --------
+    >>> from rlcore import solve
+    >>> from rlcore.envs.robots import recycling_robot
+    >>> mdp = recycling_robot()
+    >>> [mdp.action_names[a] for a in solve(mdp, 0.9).pi.argmax(axis=1)]
+    ['search', 'recharge']
     """
     high, low, search, wait, recharge = 0, 1, 0, 1, 2
     outcomes = {
@@ -63,10 +95,24 @@ def recycling_robot(
 
 @checked
 def pick_and_place(*, jerk: float = 0.0) -> FiniteMDP:
-    """An arm over five cells that carries parts from cell 0 to cell 4, for ever. ex-pick-and-place
+    """An arm over five cells that carries parts from cell 0 to cell 4, for ever.
 
-    State 5 * holding + cell. Slow moves go one cell. Fast moves go two, but with probability jerk only one, with a
-    jerk of reward -1. grip takes a part at cell 0 and puts it down at cell 4 for reward +1; anywhere else it costs -1.
+    State 5 * holding + cell. Slow moves go one cell, fast ones two. grip takes a part at cell 0 and puts it down at
+    cell 4 for reward +1; anywhere else it costs -1.
+
+    Parameters
+    ----------
+    jerk : float
+        Probability that a fast move goes one cell only, with a jerk of reward -1.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: ex-pick-and-place.
     """
     outcomes = {}
     for holding in (0, 1):
@@ -86,13 +132,37 @@ def pick_and_place(*, jerk: float = 0.0) -> FiniteMDP:
 
 @checked(smoothness=check_nonnegative, dt=check_rate, effort=check_positive)
 def arm_motion(smoothness: float, *, n_steps: int = 60, dt: float = 0.05, effort: float = 0.001) -> tuple[Floats, ...]:
-    """Best motion of a one-joint arm from position 0 to 1 under a penalty on changes of its voltage. ex-pick-and-place
+    """Best motion of a one-joint arm from position 0 to 1 under a penalty on changes of its voltage.
 
-    Position x, velocity v, voltage u: x' = x + dt v, v' = v + dt (u - v). The reward of a step is
-    -(x - 1)^2 - effort u^2 - smoothness (u - u_before)^2, x and u as the step finds and chooses them; gamma = 1, and
-    the dynamic program is solved exactly, for rewards are quadratic and the dynamics linear.
-    smoothness: at least 0. dt: in (0, 1]. effort: above 0.
-    Returns position (n_steps + 1,), velocity (n_steps + 1,), voltage (n_steps,), rewards (n_steps,).
+    Position x, velocity v, voltage u: x' = x + dt v, v' = v + dt (u - v). The reward of a step is -(x - 1)^2 - effort
+    u^2 - smoothness (u - u_before)^2, x and u as the step finds and chooses them; gamma = 1. The dynamic program is
+    solved exactly, for rewards are quadratic and the dynamics linear.
+
+    Parameters
+    ----------
+    smoothness : float
+        Weight of the penalty, at least 0.
+    n_steps : int
+        Steps.
+    dt : float
+        Length of a step, in (0, 1].
+    effort : float
+        Weight of the squared voltage, above 0.
+
+    Returns
+    -------
+    position : Floats
+        (n_steps + 1,).
+    velocity : Floats
+        (n_steps + 1,).
+    voltage : Floats
+        (n_steps,).
+    rewards : Floats
+        (n_steps,).
+
+    Notes
+    -----
+    Ledger: ex-pick-and-place.
     """
     # state z = (x - 1, v, u_before), action w = u - u_before: z' = A z + B w, cost z D z + 2 z C w + R w w
     A, B = np.array([[1, dt, 0], [0, 1 - dt, dt], [0, 0, 1]]), np.array([0, dt, 1])
@@ -119,12 +189,25 @@ HELD, BINNED = 25, 26
 
 @checked(reward_for=choice("delivery", "pick-up"))
 def can_robot(*, reward_for: str = "delivery") -> FiniteMDP:
-    """A robot in an office of 5 x 5 cells with two cans, a bin, obstacles and one wrong object. ex-recycling, cl-008
+    """A robot in an office of 5 x 5 cells with two cans, a bin, obstacles and one wrong object.
 
-    reward_for: "delivery" gives +1 for a can dropped into the bin; "pick-up" gives +1 for every can picked up, while
-    dropping it on the floor costs nothing. Bumping and picking up the wrong object give -1 in both. The episode ends
-    with both cans in the bin. state_names: (cell of the robot, place of can 1, place of can 2), where a place is a
-    cell, 25 (in the hand) or 26 (in the bin).
+    Bumping and picking up the wrong object give -1. The episode ends with both cans in the bin. state_names: (cell of
+    the robot, place of can 1, place of can 2), where a place is a cell, 25 (in the hand) or 26 (in the bin).
+
+    Parameters
+    ----------
+    reward_for : str
+        "delivery": +1 for a can dropped into the bin; "pick-up": +1 for every can picked up, while dropping it on the
+        floor costs nothing.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: ex-recycling, cl-008.
     """
     layout = "".join(OFFICE)
     states = [(layout.index("R"), layout.index("c"), layout.rindex("c"))]
@@ -174,10 +257,35 @@ def _failures(name, K, given):
 
 @checked(fail_step=_failures)
 def pole_return(fail_step: int, gamma: float, *, again: bool = False) -> float:
-    """G_0 of pole balancing as a continuing task: reward -1 at the step of a failure, else 0. eq-u-pole-return
+    """G_0 of pole balancing as a continuing task: reward -1 at the step of a failure, else 0.
 
-    fail_step: K, the first failing step, at least 1; a number or an array. again: whether the pole, put upright, falls
-    again every K steps for ever; then gamma = 1 gives -inf. Source: Sutton and Barto (2018), example 3.4.
+    Parameters
+    ----------
+    fail_step : int
+        K, the first failing step, at least 1; a number or an array.
+    gamma : float
+        Discount, in [0, 1].
+    again : bool
+        Whether the pole, put upright, falls again every K steps for ever.
+
+    Returns
+    -------
+    float
+        As fail_step; -inf for `again` at gamma = 1.
+
+    Notes
+    -----
+    Ledger: eq-u-pole-return.
+
+    References
+    ----------
+    Sutton and Barto (2018), example 3.4.
+
+    Examples
+    --------
+    >>> from rlcore.envs.robots import pole_return
+    >>> float(pole_return(3, 0.5)), float(pole_return(1, 0.5, again=True))
+    (-0.25, -2.0)
     """
     K = fail_step
     first = -(gamma ** (K - 1))  # eq-u-pole-return
@@ -188,10 +296,29 @@ def pole_return(fail_step: int, gamma: float, *, again: bool = False) -> float:
 
 @checked(policy=function_of("(state, rng)"))
 def pole_balancing(policy: Callable[[Floats, Rng], int], n_episodes: int, *, max_steps: int, rng: Rng) -> Run:
-    """Pole balancing as an episodic task: +1 for each step until the pole falls. ex-pole-episodic
+    """Pole balancing as an episodic task: +1 for each step until the pole falls.
 
-    policy: called with the state (x, x_dot, theta, theta_dot) and rng, gives 0 (push left) or 1 (push right).
-    max_steps: an episode that long is cut; its length is max_steps. World: gymnasium's CartPole. Returns a Run.
+    The world is gymnasium's CartPole.
+
+    Parameters
+    ----------
+    policy : Callable[[Floats, Rng], int]
+        policy(state, rng) gives 0 (push left) or 1 (push right); state: (x, x_dot, theta, theta_dot).
+    n_episodes : int
+        Episodes.
+    max_steps : int
+        An episode that long is cut; its length is max_steps.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Run
+        Returns and lengths.
+
+    Notes
+    -----
+    Ledger: ex-pole-episodic.
     """
     env = _cart_pole(rng)
     returns, lengths = np.zeros(n_episodes), np.zeros(n_episodes, int)
@@ -206,9 +333,25 @@ def pole_balancing(policy: Callable[[Floats, Rng], int], n_episodes: int, *, max
 
 @checked(policy=function_of("(state, rng)"))
 def pole_continuing(policy: Callable[[Floats, Rng], int], n_steps: int, *, rng: Rng) -> Floats:
-    """Pole balancing as a continuing task: the n_steps rewards, -1 where the pole falls and is put up again, else 0.
+    """Pole balancing as a continuing task: -1 where the pole falls and is put up again, else 0.
 
-    ex-pole-continuing. policy: as for pole_balancing.
+    Parameters
+    ----------
+    policy : Callable[[Floats, Rng], int]
+        As for `pole_balancing`.
+    n_steps : int
+        Steps.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Floats
+        (n_steps,), the rewards.
+
+    Notes
+    -----
+    Ledger: ex-pole-continuing.
     """
     env, rewards = _cart_pole(rng), np.zeros(n_steps)
     state = env.reset()[0]
@@ -236,9 +379,25 @@ def _pole(name, state, given):
 
 @checked(pushes=_pushes, state=_pole)
 def push_pole(pushes: ArrayLike, *, state: ArrayLike = (0.0, 0.0, 0.04, 0.0), hold: int = 4) -> Floats:
-    """States (T + 1, 4) of the cart-pole under pushes (0 left, 1 right), each held for `hold` steps, up to a failure.
+    """States of the cart-pole under pushes, up to a failure.
 
-    fig-2. state: (x, x_dot, theta, theta_dot) in metres, radians and seconds. A step lasts 0.02 s.
+    Parameters
+    ----------
+    pushes : ArrayLike
+        (n,), 0 left, 1 right.
+    state : ArrayLike
+        (x, x_dot, theta, theta_dot) in metres, radians and seconds.
+    hold : int
+        Steps of 0.02 s that each push lasts.
+
+    Returns
+    -------
+    Floats
+        (T + 1, 4), T at most n hold.
+
+    Notes
+    -----
+    Ledger: fig-2.
     """
     env = _cart_pole(None)
     env.reset(seed=0)

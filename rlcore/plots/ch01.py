@@ -14,7 +14,6 @@ from rlcore.mdp import FiniteMDP, Trajectory
 from rlcore.plots.style import (
     PALETTE,
     SMALL,
-    Curves,
     Figure,
     arrow,
     band,
@@ -32,9 +31,25 @@ SYMBOLS = {"slow left": "←", "slow right": "→", "fast left": "⇇", "fast ri
 def agent_environment_diagram(
     mdp: FiniteMDP | None = None, trajectory: Trajectory | None = None, t: int | None = None
 ) -> Figure:
-    """The loop of figure 1; with a trajectory, step t of it is written on the arrows. fig-1
+    """The loop of figure 1; with a trajectory, one step of it is written on the arrows.
 
-    mdp: gives the names of states and actions. t: 0..T - 1.
+    Parameters
+    ----------
+    mdp : FiniteMDP | None
+        Gives the names of states and actions.
+    trajectory : Trajectory | None
+        Gives the numbers.
+    t : int | None
+        The step, 0..T - 1.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-1.
     """
     action, reward, state, now = "$A_t$", "$R_{t+1}$", "$S_{t+1}$", "$S_t$"
     if trajectory is not None:
@@ -58,7 +73,22 @@ def agent_environment_diagram(
 
 
 def recycling_graph(mdp: FiniteMDP) -> Figure:
-    """The recycling robot as a graph: states are open circles, actions filled dots. ex-recycling"""
+    """The recycling robot as a graph: states are open circles, actions filled dots.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        `recycling_robot(...)`.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-recycling.
+    """
     fig, ax = new_diagram((0, 10), (-0.4, 6.4))
     places = {0: (2.2, 3.0), 1: (7.8, 3.0)}
     dots = {(0, 0): (5.0, 5.3), (0, 1): (0.8, 5.3), (1, 0): (5.0, 0.7), (1, 1): (9.2, 0.7), (1, 2): (5.0, 3.0)}
@@ -82,9 +112,25 @@ def recycling_graph(mdp: FiniteMDP) -> Figure:
 
 
 def pick_and_place_policy(mdp: FiniteMDP, solution: Solution, actions: ArrayLike) -> Figure:
-    """Values (shade) and best actions of the pick-and-place arm, empty above and holding below. ex-pick-and-place
+    """Values (shade) and best actions of the pick-and-place arm, empty above and holding below.
 
-    actions: (S, A) bool, the best actions of each state.
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        `pick_and_place(...)`.
+    solution : Solution
+        Its values.
+    actions : ArrayLike
+        (S, A) bool, the best actions of each state.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-pick-and-place.
     """
     fig, ax = new_figure(height=2.9)
     words = []
@@ -98,9 +144,23 @@ def pick_and_place_policy(mdp: FiniteMDP, solution: Solution, actions: ArrayLike
 
 
 def arm(smoothness: float) -> Figure:
-    """Position and voltage of the continuous arm for one weight of the smoothness penalty. ex-pick-and-place
+    """Position and voltage of the continuous arm for one weight of the smoothness penalty.
 
     The title says what the weight buys: when the arm is there for good (within 2 %), and its highest voltage.
+
+    Parameters
+    ----------
+    smoothness : float
+        The weight, at least 0.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-pick-and-place.
     """
     position, _, voltage, _ = arm_motion(smoothness)
     seconds = 0.05 * np.arange(position.size)
@@ -118,7 +178,26 @@ def arm(smoothness: float) -> Figure:
 
 
 def can_office(mdp: FiniteMDP, trajectory: Trajectory, t: int) -> Figure:
-    """The office of the can-collecting robot after t steps: its way, the cans, the rewards. ex-recycling, cl-008"""
+    """The office of the can-collecting robot after some steps: its way, the cans, the rewards.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        `can_robot(...)`.
+    trajectory : Trajectory
+        What the robot does.
+    t : int
+        Steps, 0..T.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-recycling, cl-008.
+    """
     robots, cans = zip(*((robot, cans) for robot, *cans in (mdp.state_names[s] for s in trajectory.states[: t + 1])))
     fig, ax = new_diagram((-0.1, 9.4), (-0.1, 5.1))
     for cell, kind in enumerate("".join(OFFICE)):
@@ -149,7 +228,22 @@ def _square(x, y, colour):
 
 
 def cart_pole(states: ArrayLike) -> Figure:
-    """A cart with its pole at the last of the states (T, 4), those just before pale, and the limits. fig-2"""
+    """A cart with its pole at the last of the states, those just before pale, and the limits.
+
+    Parameters
+    ----------
+    states : ArrayLike
+        (T, 4).
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-2.
+    """
     fig, ax = new_diagram((-2.9, 2.9), (-0.5, 2.0))
     ax.plot([-2.4, 2.4], [0, 0], color=PALETTE["black"], ls="-", lw=1.5)
     for x in (-2.4, 2.4):
@@ -167,9 +261,23 @@ def cart_pole(states: ArrayLike) -> Figure:
 
 
 def cart_pole_strip(states: ArrayLike, steps: Sequence[int]) -> Figure:
-    """The cart and its pole after several numbers of steps, a picture for each, in rows of three. fig-2, fig-56
+    """The cart and its pole after several numbers of steps, a picture for each, in rows of three.
 
-    states: (T, 4). steps: which of the states.
+    Parameters
+    ----------
+    states : ArrayLike
+        (T, 4).
+    steps : Sequence[int]
+        Which of the states.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-2, fig-56.
     """
     rows = -(-len(steps) // 3)
     fig, axes = new_figure(rows, 3, height=1.75 * rows, squeeze=False)
@@ -198,7 +306,22 @@ def _cart(x, alpha):
 
 
 def push_game(*pushes: str) -> Figure:
-    """The cart-pole after pushes ("left" or "right", 4 steps of 0.02 s each), with what has become of it. fig-2"""
+    """The cart-pole after pushes of 4 steps of 0.02 s each, with what has become of it.
+
+    Parameters
+    ----------
+    *pushes : str
+        "left" or "right" each.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-2.
+    """
     states = push_pole([int(push == "right") for push in pushes])
     fig = cart_pole(states)
     T, degrees = len(states) - 1, np.degrees(states[-1][2])
@@ -209,7 +332,22 @@ def push_game(*pushes: str) -> Figure:
 
 
 def pole_returns(gamma: float) -> Figure:
-    """The two returns of pole balancing against the failing step K. fig-2, ex-pole-continuing"""
+    """The two returns of pole balancing against the failing step K.
+
+    Parameters
+    ----------
+    gamma : float
+        Discount, in [0, 1].
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-2, ex-pole-continuing.
+    """
     K = np.arange(1, 101)
     fig, (left, right) = new_figure(1, 2, height=3.2)
     left.plot(K, K, color=PALETTE["blue"])
@@ -223,7 +361,22 @@ def pole_returns(gamma: float) -> Figure:
 
 
 def discount_weights(gamma: float) -> Figure:
-    """How much the k-th reward from now counts: gamma^(k-1), and the horizon 1 / (1 - gamma). cl-002, cl-006"""
+    """How much the k-th reward from now counts: gamma^(k-1), and the horizon 1 / (1 - gamma).
+
+    Parameters
+    ----------
+    gamma : float
+        Discount, below 1.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: cl-002, cl-006.
+    """
     fig, ax = new_figure(height=3.4)
     k, horizon = np.arange(1, 61), 1 / (1 - gamma) if gamma < 1 else np.inf
     ax.vlines(k, 0, float(gamma) ** (k - 1), color=PALETTE["blue"], lw=3)
@@ -237,7 +390,24 @@ def discount_weights(gamma: float) -> Figure:
 
 
 def partial_sums(gamma: float, n: int = 120) -> Figure:
-    """Sums of the first n discounted rewards for rewards 1, k and 1.2^k. cl-003, cl-004, ex-constant-reward"""
+    """Sums of the first n discounted rewards for rewards 1, k and 1.2^k.
+
+    Parameters
+    ----------
+    gamma : float
+        Discount.
+    n : int
+        How many.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: cl-003, cl-004, ex-constant-reward.
+    """
     fig, ax = new_figure(height=3.4)
     k = np.arange(1, n + 1)
     for label, rewards in (("$R_k = 1$", np.ones(n)), ("$R_k = k$", k), ("$R_k = 1.2^k$", 1.2**k)):
@@ -248,7 +418,24 @@ def partial_sums(gamma: float, n: int = 120) -> Figure:
 
 
 def myopic_values(gamma: float, switch: float) -> Figure:
-    """What the two choices are worth against gamma, with the point of the switch and one gamma marked. ex-myopic"""
+    """What the two choices of `myopic` are worth against gamma.
+
+    Parameters
+    ----------
+    gamma : float
+        One that is marked.
+    switch : float
+        Where both are worth the same.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-myopic.
+    """
     fig, ax = new_figure(height=3.2)
     x = np.linspace(0, 1, 101)
     ax.plot(x, np.ones_like(x), label="+1 now")
@@ -262,7 +449,22 @@ def myopic_values(gamma: float, switch: float) -> Figure:
 
 
 def absorbing_chain(rewards: ArrayLike = (1, 1, 1)) -> Figure:
-    """An episode that ends in an absorbing state, drawn as a square. ex-absorbing"""
+    """An episode that ends in an absorbing state, drawn as a square.
+
+    Parameters
+    ----------
+    rewards : ArrayLike
+        (T,).
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-absorbing.
+    """
     n = len(rewards)
     fig, ax = new_diagram((-0.6, 2.2 * n + 1.6), (-0.6, 1.15))
     for i, r in enumerate(rewards):
@@ -277,10 +479,26 @@ def absorbing_chain(rewards: ArrayLike = (1, 1, 1)) -> Figure:
     return fig
 
 
-def monte_carlo_error(n_episodes: int, errors: ArrayLike, slopes: Sequence[float]) -> Figure:
-    """Root-mean-square errors (runs, n) of Monte Carlo averages on log-log axes, with the slope -1/2. cl-011
+def monte_carlo_error(n_episodes: ArrayLike, errors: ArrayLike, slopes: Sequence[float]) -> Figure:
+    """Root-mean-square errors of Monte Carlo averages on log-log axes, with the slope -1/2.
 
-    errors, slopes: {"first visit": (runs, n)}, {"first visit": number}.
+    Parameters
+    ----------
+    n_episodes : ArrayLike
+        (n,), episodes averaged.
+    errors : ArrayLike
+        {"first visit": (runs, n)}.
+    slopes : Sequence[float]
+        {"first visit": number}.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: cl-011.
     """
     fig, ax = new_figure(height=3.6)
     for (label, runs), style in zip(errors.items(), styles(errors).values()):
@@ -292,8 +510,27 @@ def monte_carlo_error(n_episodes: int, errors: ArrayLike, slopes: Sequence[float
     return fig
 
 
-def averages(n: int, runs: Curves, truth: ArrayLike) -> Figure:
-    """Running averages (runs, n) of sampled returns, with the exact value. eq-10, eq-11"""
+def averages(n: ArrayLike, runs: ArrayLike, truth: ArrayLike) -> Figure:
+    """Running averages of sampled returns, with the exact value.
+
+    Parameters
+    ----------
+    n : ArrayLike
+        (m,), how many returns are averaged.
+    runs : ArrayLike
+        (runs, m).
+    truth : ArrayLike
+        The exact value.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: eq-10, eq-11.
+    """
     fig, ax = new_figure(height=3.2)
     for run in runs:
         ax.plot(n, run, color=PALETTE["blue"], ls="-", lw=1.2, alpha=0.7)
@@ -304,9 +541,25 @@ def averages(n: int, runs: Curves, truth: ArrayLike) -> Figure:
 
 
 def return_ranking(episodic: ArrayLike, continuing: ArrayLike, labels: Sequence[Any]) -> Figure:
-    """Ranks of policies under the episodic return against their ranks under the continuing ones. cl-007
+    """Ranks of policies under the episodic return against their ranks under the continuing ones.
 
-    episodic: (n,). continuing: {gamma: (n,)}.
+    Parameters
+    ----------
+    episodic : ArrayLike
+        (n,).
+    continuing : ArrayLike
+        {gamma: (n,)}.
+    labels : Sequence[Any]
+        Of the policies.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: cl-007.
     """
     fig, ax = new_figure(height=3.4)
     rank = np.argsort(np.argsort(episodic)) + 1

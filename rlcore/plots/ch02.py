@@ -23,7 +23,31 @@ Node = namedtuple("Node", "kind text name edge strong children", defaults=("", "
 
 
 def backup_diagram(kind: str, *, n_actions: int = 3, n_next: int = 2) -> Figure:
-    """Backup diagram in symbols; kind: "v_pi", "q_pi", "v_star" or "q_star". fig-3, fig-4, fig-6"""
+    """A backup diagram in symbols.
+
+    Parameters
+    ----------
+    kind : str
+        "v_pi", "q_pi", "v_star" or "q_star".
+    n_actions : int
+        Branches of a state.
+    n_next : int
+        Branches of an action.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Raises
+    ------
+    ValueError
+        Where kind is another word.
+
+    Notes
+    -----
+    Ledger: fig-3, fig-4, fig-6.
+    """
     if kind not in ("v_pi", "q_pi", "v_star", "q_star"):
         raise ValueError(f'kind: got {kind!r}, must be one of "v_pi", "q_pi", "v_star", "q_star"')
     average = kind.endswith("pi")
@@ -38,9 +62,34 @@ def backup_diagram(kind: str, *, n_actions: int = 3, n_next: int = 2) -> Figure:
 
 
 def value_diagram(mdp: FiniteMDP, root: Any, pi: ArrayLike, gamma: float, *, take: str = "average") -> Figure:
-    """Backup diagram of one state, or of one pair, with its numbers. fig-3, fig-4, fig-6
+    """The backup diagram of one state, or of one pair, with its numbers.
 
-    root: a state s or a pair (s, a). take: "average" weighs actions by pi, "max" takes the best (pi is then not used).
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    root : Any
+        A state s or a pair (s, a).
+    pi : ArrayLike
+        (S, A), the policy.
+    gamma : float
+        Discount, in [0, 1].
+    take : str
+        "average" weighs actions by pi, "max" takes the best (pi is then not used).
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Raises
+    ------
+    ValueError
+        Where take is another word.
+
+    Notes
+    -----
+    Ledger: fig-3, fig-4, fig-6.
     """
     if take not in ("average", "max"):
         raise ValueError(f'take: got {take!r}, must be "average" or "max"')
@@ -114,9 +163,29 @@ def _draw_node(ax, node, left, y, step, drop, radius, arcs):
 
 
 def golf(panels: Curves, shape: Cell, *, hole: Cell, tee: Cell, sand: Iterable[Cell] = ()) -> Figure:
-    """Values of every cell of a golf hole, one panel above the other in the same colours. fig-5
+    """Values of every cell of a golf hole, one panel above the other in the same colours.
 
-    panels: {title: (S,)}; values are rounded up to whole strokes. sand: cells drawn in grey where the value is -inf.
+    Parameters
+    ----------
+    panels : Curves
+        {title: (S,)}, rounded up to whole strokes.
+    shape : Cell
+        (rows, columns).
+    hole : Cell
+        Its cell.
+    tee : Cell
+        Its cell.
+    sand : Iterable[Cell]
+        Cells drawn in grey where the value is -inf.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-5.
     """
     fig, axes = new_figure(len(panels), 1, height=0.5 + 2.3 * len(panels), squeeze=False)
     colours = ListedColormap(["#f7fcb9", "#d9f0a3", "#addd8e", "#78c679", "#41ab5d", "#238443", "#005a32"][::-1])
@@ -149,7 +218,32 @@ def _mark(ax, **places):
 def best_clubs(
     putter: ArrayLike, driver: ArrayLike, shape: Cell, *, hole: Cell, tee: Cell, sand: Iterable[Cell] = ()
 ) -> Figure:
-    """The best club of every cell; putter, driver: (S,), values of playing that club first. fig-5, ex-golf-driver"""
+    """The best club of every cell.
+
+    Parameters
+    ----------
+    putter : ArrayLike
+        (S,), values of playing it first.
+    driver : ArrayLike
+        (S,), likewise.
+    shape : Cell
+        (rows, columns).
+    hole : Cell
+        Its cell.
+    tee : Cell
+        Its cell.
+    sand : Iterable[Cell]
+        Cells with a grey ground.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-5, ex-golf-driver.
+    """
     fig, ax = new_figure(height=3.2)
     gap = np.asarray(putter) - driver
     club = np.where(np.abs(gap) < 1e-6, 1, np.where(gap > 0, 2, 0)).reshape(shape)
@@ -172,7 +266,22 @@ def best_clubs(
 
 
 def visits_and_errors(runs: Curves) -> Figure:
-    """Error of each action value against how often it was updated; runs: {label: (visits (n,), errors (n,))}. cl-022"""
+    """Error of each action value against how often it was updated.
+
+    Parameters
+    ----------
+    runs : Curves
+        {label: (visits (n,), errors (n,))}.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: cl-022.
+    """
     fig, ax = new_figure()
     for (label, (visits, errors)), mark, style in zip(runs.items(), "os^", styles(runs).values()):
         ax.plot(visits, errors, mark, ms=5, alpha=0.6, label=label, color=style["color"])
@@ -182,7 +291,24 @@ def visits_and_errors(runs: Curves) -> Figure:
 
 
 def staircase(exact: ArrayLike, runs: Curves) -> Figure:
-    """Learned values of a long walk beside the exact ones; runs: {label: (n_runs, S)}. ex-tabular"""
+    """Learned values of a long walk beside the exact ones.
+
+    Parameters
+    ----------
+    exact : ArrayLike
+        (S,).
+    runs : Curves
+        {label: (n_runs, S)}.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-tabular.
+    """
     fig, ax = new_figure()
     x = np.arange(exact.size)
     ax.plot(x, exact, color=PALETTE["black"], ls="-", lw=1.4, label="exact")
@@ -194,7 +320,30 @@ def staircase(exact: ArrayLike, runs: Curves) -> Figure:
 
 
 def bands(curves: Curves, *, xlabel: str, ylabel: str, log_y: bool = False, log_x: bool = False) -> Figure:
-    """Mean and spread (one standard deviation over runs) of curves {label: (x, (n_runs, n))}. ex-tabular, cl-022"""
+    """Mean and spread (one standard deviation over runs) of curves.
+
+    Parameters
+    ----------
+    curves : Curves
+        {label: (x, (n_runs, n))}.
+    xlabel : str
+        Of the x axis.
+    ylabel : str
+        Of the y axis.
+    log_y : bool
+        Whether y is logarithmic.
+    log_x : bool
+        Whether x is.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-tabular, cl-022.
+    """
     fig, ax = new_figure()
     for (label, (x, values)), style in zip(curves.items(), styles(curves).values()):
         band(ax, x, values.mean(axis=0), values.std(axis=0), label, **style)

@@ -61,7 +61,22 @@ FAMILY = {
 def loop_diagram(
     labels: Sequence[Any] = ("act", "store (s, a, r, s')", "fit the model", "plan in the model"),
 ) -> Figure:
-    """Four boxes in a circle: what a method does in turn. fig-7, fig-12"""
+    """Four boxes in a circle: what a method does in turn.
+
+    Parameters
+    ----------
+    labels : Sequence[Any]
+        Of the boxes.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-7, fig-12.
+    """
     fig, ax = new_diagram((0, 10), (0, 5))
     places = [(2.3, 4), (7.7, 4), (7.7, 1), (2.3, 1)]
     for place, label, face in zip(places, labels, (PALE, PALE, BLUE, BLUE)):
@@ -77,9 +92,25 @@ def loop_diagram(
 
 
 def prediction_errors(real: ArrayLike, predicted: ArrayLike, k: int) -> Figure:
-    """Angular velocity of the pole k steps ahead, real against predicted, and how the error grows. fig-7
+    """Angular velocity of the pole some steps ahead, real against predicted, and how the error grows.
 
-    real, predicted: (T + 1, n, 4) states of the same n runs under the same actions.
+    Parameters
+    ----------
+    real : ArrayLike
+        (T + 1, n, 4) states of n runs.
+    predicted : ArrayLike
+        (T + 1, n, 4), of the same runs under the same actions.
+    k : int
+        Steps ahead.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-7.
     """
     fig, (left, right) = new_figure(1, 2, height=3.3)
     spin = np.degrees(np.stack([real, predicted])[..., 3])
@@ -98,7 +129,28 @@ def prediction_errors(real: ArrayLike, predicted: ArrayLike, k: int) -> Figure:
 
 
 def trajectory_factors(mdp: FiniteMDP, pi: ArrayLike, states: ArrayLike, actions: ArrayLike) -> Figure:
-    """The factors of one trajectory's probability, in order; policy and dynamics in two colours. fig-8"""
+    """The factors of one trajectory's probability, in order; policy and dynamics in two colours.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    pi : ArrayLike
+        (S, A), the policy.
+    states : ArrayLike
+        (T,).
+    actions : ArrayLike
+        (T,).
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-8.
+    """
     P = mdp.transition_probs()
     factors = [(r"$p(s_1)$", mdp.start[states[0]], PALE)]
     for t, (s, a) in enumerate(zip(states, actions), start=1):
@@ -115,7 +167,30 @@ def trajectory_factors(mdp: FiniteMDP, pi: ArrayLike, states: ArrayLike, actions
 def trajectory_bars(
     states: ArrayLike, actions: ArrayLike, prob: ArrayLike, totals: ArrayLike, expected: ArrayLike
 ) -> Figure:
-    """Probability of every possible trajectory, ordered by its sum of rewards, and the expected sum. fig-8"""
+    """Probability of every possible trajectory, ordered by its sum of rewards, and the expected sum.
+
+    Parameters
+    ----------
+    states : ArrayLike
+        (n, T).
+    actions : ArrayLike
+        (n, T).
+    prob : ArrayLike
+        (n,).
+    totals : ArrayLike
+        (n,), sums of rewards.
+    expected : ArrayLike
+        Their mean.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-8.
+    """
     order = np.lexsort((np.arange(prob.size), totals))
     order = order[states[order, 0] == 0]  # those that begin in the start state
     fig, (top, bottom) = new_figure(2, 1, height=4.2, sharex=True, height_ratios=[2, 1])
@@ -128,7 +203,26 @@ def trajectory_bars(
 
 
 def model_and_policy(mdp: FiniteMDP, pi: ArrayLike, a: int) -> Figure:
-    """p(s'|s, a) for each action, action a in front; below pi(a|s), and P_pi, the model under the policy. fig-9"""
+    """p(s'|s, a) for each action; below pi(a|s), and P_pi, the model under the policy.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    pi : ArrayLike
+        (S, A), the policy.
+    a : int
+        The action in front.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-9.
+    """
     P, A, names = mdp.transition_probs(), mdp.n_actions, mdp.state_names
     fig, axes = new_figure(2, A, height=4.6)
     for b, ax in enumerate(axes[0]):
@@ -156,9 +250,21 @@ def model_and_policy(mdp: FiniteMDP, pi: ArrayLike, a: int) -> Figure:
 
 
 def family_tree(leaf: Any = None) -> Figure:
-    """Methods of the book by what they know and what they learn. fig-10
+    """Methods of the book by what they know and what they learn.
 
-    leaf: the method whose chapter and function are written below.
+    Parameters
+    ----------
+    leaf : Any
+        The method whose chapter and function are written below.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-10.
     """
     fig, ax = new_diagram((0, 12), (-0.9, 10.6), height=5.4)
     ax.set_aspect("auto")
@@ -179,7 +285,28 @@ def family_tree(leaf: Any = None) -> Figure:
 
 
 def descent_path(C: Callable[[Floats], ArrayLike], path: ArrayLike, epsilon: float, ax: Axes | None = None) -> Figure:
-    """Points of gradient descent on the curve C. fig-11"""
+    """Points of gradient descent on a curve.
+
+    Parameters
+    ----------
+    C : Callable[[Floats], ArrayLike]
+        The curve, of an array.
+    path : ArrayLike
+        (n,) points.
+    epsilon : float
+        The learning rate, for the title.
+    ax : Axes | None
+        Where to draw; a new figure where None.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-11.
+    """
     fig, ax = (None, ax) if ax is not None else new_figure()
     v = np.linspace(-3, 3, 101)
     ax.plot(v, C(v), color=GREY, ls="-")
@@ -193,7 +320,24 @@ def descent_path(C: Callable[[Floats], ArrayLike], path: ArrayLike, epsilon: flo
 
 
 def descent_panels(C: Callable[[Floats], ArrayLike], paths: Curves) -> Figure:
-    """Several learning rates side by side; paths: {epsilon: path}. fig-11"""
+    """Several learning rates side by side.
+
+    Parameters
+    ----------
+    C : Callable[[Floats], ArrayLike]
+        The curve, of an array.
+    paths : Curves
+        {epsilon: (n,) points}.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-11.
+    """
     fig, axes = new_figure(2, 2, height=5.2, sharex=True, sharey=True)
     for ax, (epsilon, path) in zip(axes.flat, paths.items()):
         descent_path(C, path, epsilon, ax)
@@ -217,10 +361,35 @@ def q_table(
     title: str = "",
     ax: Axes | None = None,
 ) -> Figure | None:
-    """A Q-table of a maze: each cell in four triangles, one an action (up, down, right, left). fig-12
+    """A Q-table of a maze: each cell in four triangles, one an action (up, down, right, left).
 
-    Q: (S, 4), drawn on a logarithmic scale up to 1. shape: rows and columns. flash: (s, a), drawn in red, its value
-    below, and what it was before where `old` says so. Walls are grey, S is the start, G the goal.
+    Walls are grey, S is the start, G the goal.
+
+    Parameters
+    ----------
+    Q : ArrayLike
+        (S, 4), drawn on a logarithmic scale up to 1.
+    mdp : FiniteMDP
+        The maze.
+    shape : Cell
+        (rows, columns).
+    flash : tuple[int, int] | None
+        (s, a), drawn in red, its value below.
+    old : ArrayLike | None
+        (S, 4), gives what the value was before.
+    title : str
+        Written above.
+    ax : Axes | None
+        Where to draw; a new figure where None.
+
+    Returns
+    -------
+    Figure | None
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-12.
     """
     alone = ax is None
     fig, ax = new_figure(height=3.9) if alone else (ax.figure, ax)
@@ -252,7 +421,28 @@ def q_table(
 
 
 def q_tables(history: ArrayLike, episodes: Sequence[int], mdp: FiniteMDP, shape: Cell) -> Figure:
-    """The Q-table after several numbers of episodes. fig-12"""
+    """The Q-table after several numbers of episodes.
+
+    Parameters
+    ----------
+    history : ArrayLike
+        (n + 1, S, 4).
+    episodes : Sequence[int]
+        Which of them.
+    mdp : FiniteMDP
+        The maze.
+    shape : Cell
+        (rows, columns).
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-12.
+    """
     fig, axes = new_figure(2, 2, height=4.2)
     for ax, k in zip(axes.flat, episodes):
         word = "episode" if k == 1 else "episodes"
@@ -265,7 +455,28 @@ def learning_curves(
     lengths: Curves, *, ylabel: str = "steps per episode", log: bool = True, ylim: Point | None = None,
     x: ArrayLike | None = None, xlabel: str = "episode",
 ) -> Figure:  # fmt: skip
-    """Mean over runs with the middle half of the runs; lengths: {label: (n_runs, n)}."""
+    """Mean over runs with the middle half of the runs.
+
+    Parameters
+    ----------
+    lengths : Curves
+        {label: (n_runs, n)}.
+    ylabel : str
+        Of the y axis.
+    log : bool
+        Whether y is logarithmic.
+    ylim : Point | None
+        Ends of the axis.
+    x : ArrayLike | None
+        (n,); 1, 2, ... where None.
+    xlabel : str
+        Of the x axis.
+
+    Returns
+    -------
+    Figure
+        The figure.
+    """
     fig, ax = new_figure()
     for (label, values), style in zip(lengths.items(), styles(lengths).values()):
         values = np.asarray(values, float)
@@ -279,10 +490,31 @@ def learning_curves(
 def decay(
     errors: ArrayLike, *, xlabel: str, ylabel: str, reference: Curves | None = None, log_x: bool = True
 ) -> Figure:
-    """Errors {label: (x, y)} on log axes, with a reference line {label: (x, y)} in grey. alg-model-learning, fig-13
+    """Errors on log axes, with a reference line in grey.
 
-    log_x=False: linear; from 0 to 1 linear, then logarithmic, where one curve has ten times as many points as another.
     An error that is only rounding (below 1e-11 of the largest) is drawn as "exact" at the foot.
+
+    Parameters
+    ----------
+    errors : ArrayLike
+        {label: (x, y)}.
+    xlabel : str
+        Of the x axis.
+    ylabel : str
+        Of the y axis.
+    reference : Curves | None
+        {label: (x, y)}.
+    log_x : bool
+        False: linear; from 0 to 1 linear, then logarithmic, where one curve has ten times as many points as another.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: alg-model-learning, fig-13.
     """
     fig, ax = new_figure()
     curves = {label: (np.asarray(x, float), np.asarray(y, float)) for label, (x, y) in errors.items()}
@@ -311,8 +543,25 @@ def decay(
     return fig
 
 
-def cart_pole_costs(run_lengths: Curves, n_fit: int) -> Figure:
-    """Length of each REINFORCE episode against the transitions used so far, one line a seed. ex-model-based"""
+def cart_pole_costs(run_lengths: Sequence[ArrayLike], n_fit: int) -> Figure:
+    """Length of each REINFORCE episode against the transitions used so far, one line a seed.
+
+    Parameters
+    ----------
+    run_lengths : Sequence[ArrayLike]
+        (n,) of each seed.
+    n_fit : int
+        Transitions that the model is fitted to.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-model-based.
+    """
     fig, ax = new_figure()
     for lengths in run_lengths:
         smooth = np.convolve(lengths, np.ones(10) / 10, "valid")
@@ -326,7 +575,24 @@ def cart_pole_costs(run_lengths: Curves, n_fit: int) -> Figure:
 
 
 def rewards_over_time(curves: Curves, change: float) -> Figure:
-    """Cumulative reward against real steps, with the change marked; curves: {label: (n_runs, n)}. ex-model-wrong"""
+    """Cumulative reward against real steps, with the change marked.
+
+    Parameters
+    ----------
+    curves : Curves
+        {label: (n_runs, n)}.
+    change : float
+        The step of the change.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-model-wrong.
+    """
     fig, ax = new_figure()
     for (label, values), style in zip(curves.items(), styles(curves).values()):
         values = np.asarray(values, float)
@@ -340,7 +606,28 @@ def rewards_over_time(curves: Curves, change: float) -> Figure:
 
 
 def spread_by_setting(x: ArrayLike, values: ArrayLike, *, xlabel: str, ylabel: str) -> Figure:
-    """Mean and spread over runs at each setting; values: (n_settings, n_runs). ex-explore"""
+    """Mean and spread over runs at each setting.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        (n_settings,).
+    values : ArrayLike
+        (n_settings, n_runs).
+    xlabel : str
+        Of the x axis.
+    ylabel : str
+        Of the y axis.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-explore.
+    """
     fig, ax = new_figure()
     band(ax, range(len(x)), np.mean(values, axis=1), np.percentile(values, [25, 75], axis=1), "", marker="o")
     ax.set(xlabel=xlabel, ylabel=ylabel, xticks=range(len(x)), xticklabels=[f"{v:g}" for v in x])
@@ -348,7 +635,26 @@ def spread_by_setting(x: ArrayLike, values: ArrayLike, *, xlabel: str, ylabel: s
 
 
 def sweep_values(V: ArrayLike, shape: Cell, title: str) -> Figure:
-    """Values of a grid after some sweeps. alg-policy-evaluation"""
+    """Values of a grid after some sweeps.
+
+    Parameters
+    ----------
+    V : ArrayLike
+        (S,), values.
+    shape : Cell
+        (rows, columns).
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: alg-policy-evaluation.
+    """
     fig, ax = new_figure(height=4.2)
     heatmap(ax, V.reshape(shape), fmt="{:.2f}", vmin=-22, vmax=0)
     ax.set_title(title)
@@ -356,9 +662,29 @@ def sweep_values(V: ArrayLike, shape: Cell, title: str) -> Figure:
 
 
 def value_iteration_progress(V: ArrayLike, shape: Cell, errors: ArrayLike, gamma: float, k: int) -> Figure:
-    """Left: V_k of a grid. Right: another problem, the random process: its error, along the bound gamma^k. fig-13
+    """Left: V_k of a grid. Right: the error in another problem, along the bound gamma^k.
 
-    errors: (n,) largest error after 0, 1, ... sweeps.
+    Parameters
+    ----------
+    V : ArrayLike
+        (S,), values.
+    shape : Cell
+        (rows, columns).
+    errors : ArrayLike
+        (n,), largest error after 0, 1, ... sweeps of the random process.
+    gamma : float
+        Discount.
+    k : int
+        Sweeps done.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-13.
     """
     fig, (left, right) = new_figure(1, 2, height=3.3, width_ratios=[1, 1.15])
     heatmap(left, V.reshape(shape), fmt="{:.2f}", vmin=-3, vmax=0)

@@ -28,9 +28,29 @@ BLUE, RED, GREY = (PALETTE[name] for name in ("blue", "vermillion", "grey"))
 
 
 def predictions(elapsed: ArrayLike, predicted: ArrayLike, targets: Sequence[Any], alpha: float, title: str) -> Figure:
-    """Predicted totals of a journey along its time, and what each is moved to. fig-14, fig-15, table-driving
+    """Predicted totals of a journey along its time, and what each is moved to.
 
-    elapsed, predicted, targets: (n,) minutes. Each prediction moves the fraction alpha of the way to its target.
+    Parameters
+    ----------
+    elapsed : ArrayLike
+        (n,), minutes.
+    predicted : ArrayLike
+        (n,), minutes.
+    targets : Sequence[Any]
+        (n,), minutes.
+    alpha : float
+        The part of the way to its target that each prediction moves.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-14, fig-15, table-driving.
     """
     fig, ax = new_figure(height=4.2)
     ax.plot(elapsed, predicted, "o-", color=BLUE, label="prediction before")
@@ -51,9 +71,27 @@ def predictions(elapsed: ArrayLike, predicted: ArrayLike, targets: Sequence[Any]
 
 
 def walk_graph(n: int, right: float, states: ArrayLike = (), names: Sequence[Any] | None = None) -> Figure:
-    """The random walk as a graph, and below it the walk of one episode, downwards in time. fig-16
+    """The random walk as a graph, and below it the walk of one episode, downwards in time.
 
-    right: probability of a step to the right. states: the states met, 0 and n + 1 being the ends.
+    Parameters
+    ----------
+    n : int
+        States between the ends.
+    right : float
+        Probability of a step to the right.
+    states : ArrayLike
+        The states met, 0 and n + 1 being the ends.
+    names : Sequence[Any] | None
+        Of the n states.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-16.
     """
     names = names or [chr(ord("A") + i) for i in range(n)]
     last = len(states) - 1
@@ -85,7 +123,30 @@ def error_curves(
     curves: Curves, *, ylabel: str = "RMS error over the states", xlabel: str = "episodes", ylim: Point = (0, 0.26),
     height: float = 4.4,
 ) -> Figure:  # fmt: skip
-    """Mean over runs with its standard error; curves: {label: (n_runs, n + 1)}. fig-17, fig-18"""
+    """Mean over runs with its standard error.
+
+    Parameters
+    ----------
+    curves : Curves
+        {label: (n_runs, n + 1)}.
+    ylabel : str
+        Of the y axis.
+    xlabel : str
+        Of the x axis.
+    ylim : Point
+        Ends of the axis.
+    height : float
+        In inches.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-17, fig-18.
+    """
     fig, ax = new_figure(height=height)
     for (label, values), style in zip(curves.items(), styles(curves).values()):
         mean, error = values.mean(axis=0), values.std(axis=0) / np.sqrt(len(values))
@@ -96,7 +157,26 @@ def error_curves(
 
 
 def estimates_against_truth(truth: ArrayLike, estimates: Curves, title: str) -> Figure:
-    """Estimates of several methods beside the true values; estimates: {label: (S,)}. fig-18"""
+    """Estimates of several methods beside the true values.
+
+    Parameters
+    ----------
+    truth : ArrayLike
+        (S,), values.
+    estimates : Curves
+        {label: (S,)}.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-18.
+    """
     fig, ax = new_figure(height=3.8)
     x = np.arange(1, truth.size + 1)
     ax.plot(x, truth, color=PALETTE["black"], ls="-", lw=1.4, label="true")
@@ -109,9 +189,25 @@ def estimates_against_truth(truth: ArrayLike, estimates: Curves, title: str) -> 
 
 
 def predictor_graph(p_b: float, p_one: float, values: ArrayLike) -> Figure:
-    """Most likely model of the predictor's episodes: A leads to B, B ends with 1 or 0. fig-19
+    """The most likely model of the predictor's episodes: A leads to B, B ends with 1 or 0.
 
-    p_b: share of A's transitions that go to B. p_one: share of B's ends with reward 1. values: {label: (V(A), V(B))}.
+    Parameters
+    ----------
+    p_b : float
+        Share of A's transitions that go to B.
+    p_one : float
+        Share of B's ends with reward 1.
+    values : ArrayLike
+        {label: (V(A), V(B))}.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-19.
     """
     fig, ax = new_diagram((-0.7, 8.2), (-3.2, 1.6))
     circle(ax, (0, 0), "A", radius=0.45, fontsize=15)
@@ -140,7 +236,24 @@ def _cliff(foot=-0.6):
 
 
 def cliff_paths(paths: Curves, title: str = "") -> Figure:
-    """The cliff world with greedy paths; paths: {label: list of states}, drawn with a small offset each. fig-22"""
+    """The cliff world with greedy paths, each drawn with a small offset.
+
+    Parameters
+    ----------
+    paths : Curves
+        {label: list of states}.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-22.
+    """
     fig, ax = _cliff(-2.0)
     for k, ((label, states), style) in enumerate(zip(paths.items(), styles(paths).values())):
         row, col = np.divmod(np.asarray(states), 12)
@@ -152,9 +265,27 @@ def cliff_paths(paths: Curves, title: str = "") -> Figure:
 
 
 def reward_curves(returns: Curves, *, window: int = 10, ylim: Point = (-100, 0), title: str = "") -> Figure:
-    """Sum of rewards per episode, smoothed over `window` episodes; mean and standard error over runs. fig-22
+    """Sum of rewards per episode, smoothed; mean and standard error over runs.
 
-    returns: {label: (n_runs, n_episodes)}. ylim: the axis, which reaches further down where a curve ends below it.
+    Parameters
+    ----------
+    returns : Curves
+        {label: (n_runs, n_episodes)}.
+    window : int
+        Episodes smoothed over.
+    ylim : Point
+        The axis, which reaches further down where a curve ends below it.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-22.
     """
     fig, ax = new_figure(height=4.2)
     lowest = ylim[0]
@@ -170,7 +301,26 @@ def reward_curves(returns: Curves, *, window: int = 10, ylim: Point = (-100, 0),
 
 
 def value_paths(runs: Curves, ends: Curves, *, names: Sequence[Any] = ("V(A)", "V(B)")) -> Figure:
-    """How pairs of estimates move in the plane; runs: {label: (n, 2)}, ends: {label: point}. cl-047"""
+    """How pairs of estimates move in the plane.
+
+    Parameters
+    ----------
+    runs : Curves
+        {label: (n, 2)}.
+    ends : Curves
+        {label: point}.
+    names : Sequence[Any]
+        Of the axes.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: cl-047.
+    """
     fig, ax = new_figure(height=4.6)
     for (label, path), style in zip(runs.items(), styles(runs).values()):
         ax.plot(*path.T, label=label, lw=1.2, color=style["color"], ls="-")
@@ -184,10 +334,29 @@ def value_paths(runs: Curves, ends: Curves, *, names: Sequence[Any] = ("V(A)", "
 
 
 def cliff_step(update: Any, names: Sequence[str], title: str, *, target: str, alpha: float = 0.5) -> Figure:
-    """One update of a control method on the cliff: where it is, what it does, the line of code, its numbers.
+    """One update of a control method on the cliff: where it is, what it does, its numbers.
 
-    fig-20, fig-21. update: rlcore.studies.ch04.Update. names: of the actions. target: what the rule bootstraps from, in
-    words. alpha: the step size of the update.
+    Parameters
+    ----------
+    update : Any
+        Of `first_updates`.
+    names : Sequence[str]
+        Of the actions.
+    title : str
+        Written above.
+    target : str
+        What the rule bootstraps from, in words.
+    alpha : float
+        The step size of the update.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-20, fig-21.
     """
     fig, ax = _cliff(-3.9)
     row, col = divmod(update.s, 12)

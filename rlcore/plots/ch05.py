@@ -14,9 +14,25 @@ BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion"
 
 
 def backup_spectrum(steps: Sequence[Any], weights: ArrayLike | None = None, title: str = "") -> Figure:
-    """Backup diagrams side by side, each a chain of states and actions. om-spectrum-figure, fig-23
+    """Backup diagrams side by side, each a chain of states and actions.
 
-    steps: how many steps each looks ahead; the last one reaches the end. weights: written under the columns.
+    Parameters
+    ----------
+    steps : Sequence[Any]
+        How many steps each looks ahead; the last one reaches the end.
+    weights : ArrayLike | None
+        Written under the columns.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: om-spectrum-figure, fig-23.
     """
     fig, ax = new_diagram((-1, 2 * len(steps) - 0.4), (-2 * max(steps) - 2.1, 2.6), height=4.8)
     ax.set_aspect("auto")
@@ -37,7 +53,24 @@ def backup_spectrum(steps: Sequence[Any], weights: ArrayLike | None = None, titl
 
 
 def return_weights(weights: ArrayLike, lam: float) -> Figure:
-    """Weights of the n-step returns in the lambda-return, the complete return in red. fig-24"""
+    """Weights of the n-step returns in the lambda-return, the complete return in red.
+
+    Parameters
+    ----------
+    weights : ArrayLike
+        (T,).
+    lam : float
+        Lambda, for the title.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-24.
+    """
     fig, ax = new_figure(height=3.6)
     n = np.arange(1, weights.size + 1)
     ax.vlines(n[:-1], 0, weights[:-1], color=BLUE, ls="-", lw=3)
@@ -51,10 +84,30 @@ def return_weights(weights: ArrayLike, lam: float) -> Figure:
 
 
 def time_line(states: ArrayLike, t: int, heights: ArrayLike, title: str, *, forward: bool) -> Figure:
-    """An episode as a row of states; from time t, bars and arcs forward to rewards or back to states. fig-25, fig-27
+    """An episode as a row of states; from one time, bars and arcs forward to rewards or back to states.
 
-    states: (T + 1,). heights: forward, the effect of R_{t+1} ... R_T on the target, (T - t,); backward, what the states
-    S_0 ... S_t are credited with, (t + 1,), one entry a time, see visit_credits.
+    Parameters
+    ----------
+    states : ArrayLike
+        (T + 1,).
+    t : int
+        The time.
+    heights : ArrayLike
+        Forward, the effect of R_{t+1} ... R_T on the target, (T - t,); backward, what the states S_0 ... S_t are
+        credited with, (t + 1,), see `visit_credits`.
+    title : str
+        Written above.
+    forward : bool
+        Which of the two.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-25, fig-27.
     """
     T = len(states) - 1
     fig, ax = new_figure(height=3.4)
@@ -80,10 +133,30 @@ def time_line(states: ArrayLike, t: int, heights: ArrayLike, title: str, *, forw
 
 
 def visit_credits(states: ArrayLike, t: int, gamma_lam: float, trace: str, alpha: float = 1.0) -> Floats:
-    """What each visit up to time t has left in the trace of its state at time t, (t + 1,). fig-27
+    """What each visit so far has left in the trace of its state.
 
-    A visit fades by gamma_lam a step. trace: "accumulating" visits add up, "replacing" keeps the last one of a state
-    alone, "dutch" takes the share alpha of it away at each later visit. The sum over a state's visits is its trace.
+    Parameters
+    ----------
+    states : ArrayLike
+        (T + 1,).
+    t : int
+        The time.
+    gamma_lam : float
+        What is left of a visit after a step.
+    trace : str
+        "accumulating": visits add up; "replacing": the last one of a state alone; "dutch": each later visit takes the
+        share alpha away.
+    alpha : float
+        That share.
+
+    Returns
+    -------
+    Floats
+        (t + 1,); the sum over a state's visits is its trace.
+
+    Notes
+    -----
+    Ledger: fig-27.
     """
     states, k = np.asarray(states[: t + 1]), np.arange(t + 1)
     later = np.array([(states[i + 1 :] == states[i]).sum() for i in k])
@@ -92,7 +165,26 @@ def visit_credits(states: ArrayLike, t: int, gamma_lam: float, trace: str, alpha
 
 
 def trace_courses(courses: Curves, visits: ArrayLike, title: str = "") -> Figure:
-    """The trace of one state in time, a panel for each kind, its visits marked. fig-26; courses: {kind: (n,)}."""
+    """The trace of one state in time, a panel for each kind, its visits marked.
+
+    Parameters
+    ----------
+    courses : Curves
+        {kind: (n,)}.
+    visits : ArrayLike
+        Times of the visits.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-26.
+    """
     fig, axes = new_figure(len(courses), 1, height=5.4, sharex=True, sharey=True)
     for ax, (kind, course), style in zip(axes, courses.items(), styles(courses).values()):
         colour = style["color"]
@@ -110,9 +202,29 @@ def sweep(
     curves: Curves, *, xlabel: str = "step size α", ylabel: str = "RMS error, first 10 episodes",
     ylim: Point = (0.23, 0.56), title: str = "",
 ) -> Figure:  # fmt: skip
-    """Error against step size, one curve a setting, with its standard error; curves: {label: (x, (n_x, n_runs))}.
+    """Error against step size, one curve a setting, with its standard error.
 
-    ex-random-walk-19, alg-n-step-online
+    Parameters
+    ----------
+    curves : Curves
+        {label: (x, (n_x, n_runs))}.
+    xlabel : str
+        Of the x axis.
+    ylabel : str
+        Of the y axis.
+    ylim : Point
+        Ends of the axis.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-random-walk-19, alg-n-step-online.
     """
     fig, ax = new_figure(height=4.6)
     for (label, (x, values)), style in zip(curves.items(), styles(curves).values()):
@@ -124,10 +236,28 @@ def sweep(
 
 
 def cut_histogram(cuts: ArrayLike, title: str, *, steps: int | None = None) -> Figure:
-    """How many steps a trace grows before an exploratory action cuts it. fig-29
+    """How many steps a trace grows before an exploratory action cuts it.
 
-    steps: all steps taken, also those of traces that the goal ended; with it the title tells how many there are to a
-    cut. The mean of the runs that were cut would leave the long ones out.
+    The mean of the runs that were cut would leave the long ones out.
+
+    Parameters
+    ----------
+    cuts : ArrayLike
+        (n,), those numbers.
+    title : str
+        Written above.
+    steps : int | None
+        All steps taken, also those of traces that the goal ended; with it the title tells how many there are to a
+        cut.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-29.
     """
     fig, ax = new_figure(height=3.4)
     length = np.minimum(cuts, 30)

@@ -30,11 +30,33 @@ def network_diagram(
     sizes: Sequence[int], *, weights: ArrayLike | None = None, names: Mapping[int, Sequence[str]] | None = None,
     values: ArrayLike | None = None, lit: Iterable[Any] = (), brackets: bool = False, title: str = "",
 ) -> Figure:  # fmt: skip
-    """A feedforward network as circles and lines. fig-30, fig-32, fig-45, fig-47, fig-56
+    """A feedforward network as circles and lines.
 
-    sizes: neurons of each layer, input first; of a layer with more than 10 the middle is left out. weights: list of
-    (n_l, n_{l-1}), drawn as width and colour (orange: negative). names: texts of input and output neurons.
-    values: activations of each layer, written in. lit: (layer, neuron) in red. brackets: pairs in the middle.
+    Parameters
+    ----------
+    sizes : Sequence[int]
+        Neurons of each layer, input first; of more than 10 the middle is left out.
+    weights : ArrayLike | None
+        List of (n_l, n_{l-1}), drawn as width and colour (orange: negative).
+    names : Mapping[int, Sequence[str]] | None
+        Texts of the neurons of a layer.
+    values : ArrayLike | None
+        Activations of each layer, written in.
+    lit : Iterable[Any]
+        (layer, neuron) each, in red.
+    brackets : bool
+        Whether pairs in the middle are bracketed.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-30, fig-32, fig-45, fig-47, fig-56.
     """
     fig, ax = new_diagram((-0.6, len(sizes) - 0.4), (-0.62, 0.68), height=4.0)
     ax.set_aspect("auto")
@@ -91,7 +113,30 @@ def _heights(ids, n):
 def activation(
     curves: Curves, x: ArrayLike | None = None, *, xlabel: str = "z", title: str = "", ylim: Point | None = None
 ) -> Figure:
-    """Activation functions and their derivatives; curves: {label: (x, y)}; x: a marked input. fig-33, fig-34"""
+    """Activation functions and their derivatives.
+
+    Parameters
+    ----------
+    curves : Curves
+        {label: (x, y)}.
+    x : ArrayLike | None
+        A marked input.
+    xlabel : str
+        Of the x axis.
+    title : str
+        Written above.
+    ylim : Point | None
+        Ends of the axis.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-33, fig-34.
+    """
     fig, ax = new_figure(height=3.6)
     for (label, (at, y)), style in zip(curves.items(), styles(curves).values()):
         ax.plot(at, y, label=label, **style)
@@ -103,7 +148,24 @@ def activation(
 
 
 def gradient_norms(depths: ArrayLike, norms: Curves) -> Figure:
-    """Norm of the gradient that reaches the first of several layers; norms: {label: (n_depths, n_nets)}. fig-34"""
+    """Norm of the gradient that reaches the first of several layers.
+
+    Parameters
+    ----------
+    depths : ArrayLike
+        (n_depths,).
+    norms : Curves
+        {label: (n_depths, n_nets)}.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-34.
+    """
     fig, ax = new_figure(height=3.8)
     for (label, values), style in zip(norms.items(), styles(norms).values()):
         mean, spread = np.exp(np.log(values).mean(axis=1)), np.percentile(values, [10, 90], axis=1)
@@ -116,7 +178,28 @@ def gradient_norms(depths: ArrayLike, norms: Curves) -> Figure:
 def function_plot(
     x: ArrayLike, y: ArrayLike, title: str = "", *, inset: tuple[ArrayLike, ArrayLike] | None = None
 ) -> Figure:
-    """A function on an interval, with the same on a wider one inside. fig-35; x, y: (n,); inset: (x, y)."""
+    """A function on an interval, with the same on a wider one inside.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        (n,).
+    y : ArrayLike
+        (n,).
+    title : str
+        Written above.
+    inset : tuple[ArrayLike, ArrayLike] | None
+        (x, y) of the wider one.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-35.
+    """
     fig, ax = new_figure()
     ax.plot(x, y)
     ax.set(xlabel="x", ylabel="f(x)", title=title)
@@ -129,7 +212,28 @@ def function_plot(
 
 
 def hidden_neuron(x: ArrayLike, y: ArrayLike, w: ArrayLike, b: ArrayLike) -> Figure:
-    """Output of one hidden neuron against its input, with the centre of its step. fig-36 to fig-41"""
+    """Output of one hidden neuron against its input, with the centre of its step.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        (n,).
+    y : ArrayLike
+        (n,).
+    w : ArrayLike
+        Its weight.
+    b : ArrayLike
+        Its bias.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-36 to fig-41.
+    """
     fig, ax = new_figure(height=3.4)
     ax.plot(x, y)
     s = -b / w if w else np.nan
@@ -143,7 +247,26 @@ def hidden_neuron(x: ArrayLike, y: ArrayLike, w: ArrayLike, b: ArrayLike) -> Fig
 
 
 def step_places(w: ArrayLike, b: ArrayLike, s: ArrayLike) -> Figure:
-    """Map of s = -b/w over weights and biases. fig-41; w: (n,), b: (m,), s: (m, n)."""
+    """Map of s = -b/w over weights and biases.
+
+    Parameters
+    ----------
+    w : ArrayLike
+        (n,).
+    b : ArrayLike
+        (m,).
+    s : ArrayLike
+        (m, n).
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-41.
+    """
     fig, ax = new_figure(height=4.0)
     inside = np.ma.masked_outside(s, 0, 1)
     ax.set_facecolor("#BBBBBB")
@@ -158,7 +281,28 @@ def step_places(w: ArrayLike, b: ArrayLike, s: ArrayLike) -> Figure:
 
 
 def weighted_output(x: ArrayLike, y: ArrayLike, steps: Sequence[Any], weights: ArrayLike) -> Figure:
-    """What two step neurons add up to, weighted. fig-42, fig-43, fig-44; steps, weights: of the two."""
+    """What two step neurons add up to, weighted.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        (n,).
+    y : ArrayLike
+        (n,).
+    steps : Sequence[Any]
+        Places of the two steps.
+    weights : ArrayLike
+        Of the two.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-42, fig-43, fig-44.
+    """
     fig, ax = new_figure(height=3.4)
     ax.plot(x, y, color=BLUE, ls="-")
     for s in steps:
@@ -169,7 +313,28 @@ def weighted_output(x: ArrayLike, y: ArrayLike, steps: Sequence[Any], weights: A
 
 
 def approximation(x: ArrayLike, f: ArrayLike, networks: Curves, title: str = "") -> Figure:
-    """A function and what networks make of it; networks: {label: (n,)}. fig-46, ex-universal"""
+    """A function and what networks make of it.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        (n,).
+    f : ArrayLike
+        (n,).
+    networks : Curves
+        {label: (n,)}.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-46, ex-universal.
+    """
     fig, ax = new_figure(height=4.0)
     ax.plot(x, f, color=BLACK, ls="-", lw=1.4, label="f(x) = cos² x + x")
     for (label, y), style in zip(networks.items(), styles(networks).values()):
@@ -180,7 +345,24 @@ def approximation(x: ArrayLike, f: ArrayLike, networks: Curves, title: str = "")
 
 
 def errors_by_size(n: int, errors: ArrayLike) -> Figure:
-    """Largest error against the number of bumps, on log axes; errors: {label: (n,)}. fig-46, cl-091"""
+    """Largest error against the number of bumps, on log axes.
+
+    Parameters
+    ----------
+    n : int
+        (n,), numbers of bumps.
+    errors : ArrayLike
+        {label: (n,)}.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-46, cl-091.
+    """
     fig, ax = new_figure(height=3.8)
     for (label, values), style in zip(errors.items(), styles(errors).values()):
         ax.plot(n, values, label=label, **style | {"marker": "o"})
@@ -190,8 +372,29 @@ def errors_by_size(n: int, errors: ArrayLike) -> Figure:
     return fig
 
 
-def decision(surface: ArrayLike, points: ArrayLike, labels: Sequence[Any], title: str = "") -> Figure:
-    """Output of a network over two inputs, with examples. fig-32; surface: (n, n) over [0, 1]^2; points: (m, 2)."""
+def decision(surface: ArrayLike, points: ArrayLike, labels: ArrayLike, title: str = "") -> Figure:
+    """Output of a network over two inputs, with examples.
+
+    Parameters
+    ----------
+    surface : ArrayLike
+        (n, n), over [0, 1]^2.
+    points : ArrayLike
+        (m, 2).
+    labels : ArrayLike
+        (m,), 0 or 1.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-32.
+    """
     fig, ax = new_figure(height=4.4)
     image = ax.imshow(surface, origin="lower", extent=(0, 1, 0, 1), cmap="cividis", vmin=0, vmax=1)
     for value, mark in ((0, "o"), (1, "s")):
@@ -203,7 +406,26 @@ def decision(surface: ArrayLike, points: ArrayLike, labels: Sequence[Any], title
 
 
 def digit(image: ArrayLike, output: ArrayLike, label: str) -> Figure:
-    """One digit, and what the network says of it. fig-31, fig-47; image: (28, 28); output: (10,)."""
+    """One digit, and what the network says of it.
+
+    Parameters
+    ----------
+    image : ArrayLike
+        (28, 28).
+    output : ArrayLike
+        (10,).
+    label : str
+        What it is.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-31, fig-47.
+    """
     fig, (left, right) = new_figure(1, 2, height=2.8, width_ratios=[1, 1.6])
     left.imshow(image, cmap="Greys", interpolation="nearest")
     left.set(xticks=[], yticks=[], title=f"a {label}")
@@ -217,7 +439,30 @@ def digit(image: ArrayLike, output: ArrayLike, label: str) -> Figure:
 def training_curves(
     curves: Curves, *, ylabel: str, xlabel: str = "epoch", log: bool = False, ylim: Point | None = None
 ) -> Figure:
-    """One line a run, or a mean with its spread; curves: {label: (n_runs, n)}. fig-47, cl-085, cl-098"""
+    """One line a run, or a mean with its spread.
+
+    Parameters
+    ----------
+    curves : Curves
+        {label: (n_runs, n)}.
+    ylabel : str
+        Of the y axis.
+    xlabel : str
+        Of the x axis.
+    log : bool
+        Whether y is logarithmic.
+    ylim : Point | None
+        Ends of the axis.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-47, cl-085, cl-098.
+    """
     fig, ax = new_figure(height=3.8)
     for (label, values), style in zip(curves.items(), styles(curves).values()):
         values = np.atleast_2d(values)
@@ -229,7 +474,30 @@ def training_curves(
 
 
 def descent_1d(v: ArrayLike, C: ArrayLike, slope: ArrayLike, path: ArrayLike, title: str = "") -> Figure:
-    """A cost of one parameter, its derivative, and the steps of a descent. fig-48, ex-one-dim"""
+    """A cost of one parameter, its derivative, and the steps of a descent.
+
+    Parameters
+    ----------
+    v : ArrayLike
+        (n,), the parameter.
+    C : ArrayLike
+        (n,), the cost.
+    slope : ArrayLike
+        (n,), its derivative.
+    path : ArrayLike
+        (m,), the steps.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-48, ex-one-dim.
+    """
     fig, ax = new_figure(height=3.8)
     ax.plot(v, C, color=BLUE, ls="-", label="cost")
     ax.plot(v, slope, color=GREY, ls="--", lw=1.2, label="its derivative")
@@ -242,7 +510,17 @@ def descent_1d(v: ArrayLike, C: ArrayLike, slope: ArrayLike, path: ArrayLike, ti
 
 
 def flow() -> Figure:
-    """From an image through the network to a cost. fig-31"""
+    """From an image through the network to a cost.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-31.
+    """
     fig, ax = new_diagram((-1.0, 10.8), (-1.9, 1.1))
     for x, text in ((0, "x"), (3, "network\nw, b"), (6.2, "a(x)"), (9.6, "cost\nC(w, b)")):
         circle(ax, (x, 0), text, radius=0.95, fontsize=SMALL)

@@ -11,9 +11,29 @@ BLUE, RED, GREEN, GREY, BLACK = (PALETTE[name] for name in ("blue", "vermillion"
 
 
 def corridor_ascent(p: ArrayLike, J: ArrayLike, path: ArrayLike, best: float, title: str = "") -> Figure:
-    """J of the short corridor against the probability of going right, and the steps of an ascent. fig-49
+    """J of the short corridor against the probability of going right, and the steps of an ascent.
 
-    p, J: (n,). path: (m,) probabilities that the ascent goes through. best: the best p.
+    Parameters
+    ----------
+    p : ArrayLike
+        (n,).
+    J : ArrayLike
+        (n,).
+    path : ArrayLike
+        (m,), probabilities that the ascent goes through.
+    best : float
+        The best p.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-49.
     """
     fig, ax = new_figure(height=3.8)
     ax.plot(p, J, color=BLUE, ls="-")
@@ -25,7 +45,30 @@ def corridor_ascent(p: ArrayLike, J: ArrayLike, path: ArrayLike, best: float, ti
 
 
 def slope_against_differences(x: ArrayLike, J: ArrayLike, at: Point, slope: float, title: str = "") -> Figure:
-    """J along one parameter, and the exact gradient as its tangent. fig-50; x, J: (n,); at: a point (x, J)."""
+    """J along one parameter, and the exact gradient as its tangent.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        (n,).
+    J : ArrayLike
+        (n,).
+    at : Point
+        A point (x, J).
+    slope : float
+        The gradient there.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-50.
+    """
     fig, ax = new_figure(height=3.6)
     ax.plot(x, J, color=BLUE, ls="-", label="J along one parameter")
     reach = 0.25 * (x[-1] - x[0])
@@ -43,7 +86,24 @@ def slope_against_differences(x: ArrayLike, J: ArrayLike, at: Point, slope: floa
 
 
 def update_bars(updates: Curves, title: str = "") -> Figure:
-    """Expected change of each action's preference; updates: {label: (A,)}. fig-51, cl-105"""
+    """Expected change of each action's preference.
+
+    Parameters
+    ----------
+    updates : Curves
+        {label: (A,)}.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-51, cl-105.
+    """
     fig, ax = new_figure(height=3.4)
     for k, ((label, values), colour) in enumerate(zip(updates.items(), (BLUE, RED))):
         ax.bar(np.arange(len(values)) + 0.36 * (k - 0.5), values, width=0.34, color=colour, label=label)
@@ -57,9 +117,29 @@ def update_bars(updates: Curves, title: str = "") -> Figure:
 def returns_by_episode(
     curves: Curves, best: float, *, ylim: Point = (-90, -5), title: str = "", medians: bool = True
 ) -> Figure:
-    """Return of each episode, mean over runs with its standard error, and medians; curves: {label: (n_runs, n)}. fig-53
+    """Return of each episode, smoothed over 10: mean over runs, its standard error, and medians.
 
-    best: dashed line. Smoothed over 10 episodes.
+    Parameters
+    ----------
+    curves : Curves
+        {label: (n_runs, n)}.
+    best : float
+        Height of a dashed line.
+    ylim : Point
+        Ends of the axis.
+    title : str
+        Written above.
+    medians : bool
+        Whether medians are drawn.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-53.
     """
     fig, ax = new_figure(height=4.4)
     for (label, values), style in zip(curves.items(), styles(curves).values()):
@@ -77,9 +157,23 @@ def returns_by_episode(
 
 
 def baseline_variance(estimates: Curves, title: str = "") -> Figure:
-    """Variance of a gradient estimate against the baseline: a parabola, its bottom marked. fig-54
+    """Variance of a gradient estimate against the baseline: a parabola, its bottom marked.
 
-    estimates: {baseline: (n,)}, at least three, estimates of the same episodes.
+    Parameters
+    ----------
+    estimates : Curves
+        {baseline: (n,)}, at least three, estimates of the same episodes.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-54.
     """
     fig, ax = new_figure(height=3.6)
     b, variance = np.array(sorted(estimates), float), np.array([np.var(estimates[b]) for b in sorted(estimates)])
@@ -95,7 +189,24 @@ def baseline_variance(estimates: Curves, title: str = "") -> Figure:
 
 
 def gradient_histograms(estimates: Curves, title: str = "") -> Figure:
-    """Distribution of single-episode gradient estimates, means marked; estimates: {label: (n,)}. fig-54"""
+    """Distribution of single-episode gradient estimates, means marked.
+
+    Parameters
+    ----------
+    estimates : Curves
+        {label: (n,)}.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-54.
+    """
     fig, ax = new_figure(height=3.8)
     edges = np.linspace(-60, 60, 121)
     for (label, values), colour in zip(estimates.items(), (BLUE, RED)):
@@ -108,7 +219,26 @@ def gradient_histograms(estimates: Curves, title: str = "") -> Figure:
 
 
 def two_rules(d: ArrayLike, soft: ArrayLike, greedy: ArrayLike) -> Figure:
-    """Probability of the second action against the difference of the values. ex-eps-greedy-jump; all (n,)."""
+    """Probability of the second action against the difference of the values.
+
+    Parameters
+    ----------
+    d : ArrayLike
+        (n,), differences.
+    soft : ArrayLike
+        (n,), of softmax.
+    greedy : ArrayLike
+        (n,), of epsilon-greedy.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-eps-greedy-jump.
+    """
     fig, ax = new_figure(height=3.4)
     ax.plot(d, soft, color=BLUE, ls="-", label="softmax")
     ax.plot(d, greedy, color=RED, ls="--", label="ε-greedy, ε = 0.1")
@@ -123,7 +253,22 @@ def two_rules(d: ArrayLike, soft: ArrayLike, greedy: ArrayLike) -> Figure:
 
 
 def bluff_paths(paths: Curves) -> Figure:
-    """How often to bluff and how often to call, while both learn; paths: {label: (n, 2)}. ex-bluff, cl-102"""
+    """How often to bluff and how often to call, while both learn.
+
+    Parameters
+    ----------
+    paths : Curves
+        {label: (n, 2)}.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-bluff, cl-102.
+    """
     fig, ax = new_figure(height=4.4)
     for (label, path), colour, line in zip(paths.items(), (BLUE, RED), ("-", ":")):
         ax.plot(*path.T, color=colour, ls=line, lw=1.2, label=label)
@@ -134,8 +279,27 @@ def bluff_paths(paths: Curves) -> Figure:
 
 
 def steps_balanced(blocks: Curves, *, block: int = 20, solved: float = 195, title: str = "") -> Figure:
-    """Steps on the pole, mean over seeds and the middle half of them; blocks: {label: (seeds, blocks)}, mean length of
-    each `block` episodes. fig-56
+    """Steps on the pole, mean over seeds and the middle half of them.
+
+    Parameters
+    ----------
+    blocks : Curves
+        {label: (seeds, blocks)}, mean length of each `block` episodes.
+    block : int
+        Episodes of a block.
+    solved : float
+        Height of a dashed line.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-56.
     """
     fig, ax = new_figure(height=4.0)
     for (label, runs), style in zip(blocks.items(), styles(blocks).values()):

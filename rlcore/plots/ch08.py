@@ -18,10 +18,31 @@ SYMLOG_TICKS = np.array([-30, -10, -3, -1, -0.5, 0, 0.5, 1])
 def log_probability_step(
     screen: ArrayLike, names: Sequence[Any], before: ArrayLike, after: ArrayLike, put: ArrayLike, title: str = ""
 ) -> Figure:
-    """A screen, the network, and the log probabilities of the actions before and after one step. fig-57, ex-up-down
+    """A screen, the network, and log probabilities of the actions before and after one step.
 
-    screen: (rows, columns). names: of the actions. before, after: (A,) log probabilities. put: (A,), the gradient that
-    was put on each.
+    Parameters
+    ----------
+    screen : ArrayLike
+        (rows, columns).
+    names : Sequence[Any]
+        Of the actions.
+    before : ArrayLike
+        (A,), log probabilities.
+    after : ArrayLike
+        (A,), likewise.
+    put : ArrayLike
+        (A,), the gradient that was put on each.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-57, ex-up-down.
     """
     fig, (left, middle, right) = new_figure(1, 3, height=3.4, width_ratios=[0.55, 1, 1.3])
     left.imshow(screen, cmap="Greys", vmin=0, vmax=1.4)
@@ -50,9 +71,37 @@ def progress(
     x: ArrayLike, curves: Curves, xlabel: str, ylabel: str, *, ylim: Point | None = None,
     spread: Curves | None = None, level: tuple[float, str] | None = None, logx: bool = False, title: str = "",
 ) -> Figure:  # fmt: skip
-    """Lines over x with the spread over runs; curves: {label: (n,) or (n_runs, n)}. cl-117, ex-netflix, ex-entropy
+    """Lines over x with the spread over runs.
 
-    spread: {label: (2, n)}, lowest and highest run, where curves holds means. level: (height, text) of a dashed line.
+    Parameters
+    ----------
+    x : ArrayLike
+        (n,).
+    curves : Curves
+        {label: (n,) or (n_runs, n)}.
+    xlabel : str
+        Of the x axis.
+    ylabel : str
+        Of the y axis.
+    ylim : Point | None
+        Ends of the axis.
+    spread : Curves | None
+        {label: (2, n)}, lowest and highest run, where curves holds means.
+    level : tuple[float, str] | None
+        (height, text) of a dashed line.
+    logx : bool
+        Whether x is logarithmic.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: cl-117, ex-netflix, ex-entropy.
     """
     fig, ax = new_figure(height=3.8)
     for (label, values), style in zip(curves.items(), styles(curves).values()):
@@ -67,9 +116,23 @@ def progress(
 
 
 def catch_rates(rates: Curves, *, width: int = 200) -> Figure:
-    """Share of the balls that are caught, each seed and the mean; rates: {label: (n_seeds, n_episodes)}. ex-collapse
+    """Share of the balls that are caught, each seed and the mean.
 
-    Each point is the mean of `width` episodes.
+    Parameters
+    ----------
+    rates : Curves
+        {label: (n_seeds, n_episodes)}.
+    width : int
+        Each point is the mean of that many episodes.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-collapse.
     """
     fig, axes = new_figure(1, len(rates), height=3.6, sharey=True, squeeze=False)
     for ax, (label, values), colour in zip(axes[0], rates.items(), (BLUE, RED, GREEN)):
@@ -85,8 +148,25 @@ def catch_rates(rates: Curves, *, width: int = 200) -> Figure:
     return fig
 
 
-def two_distances(theta: ArrayLike, kls: Curves) -> Figure:
-    """The same step of the parameter from several starts, on the policy and as KL; theta, kls: (n,). ex-distance"""
+def two_distances(theta: ArrayLike, kls: ArrayLike) -> Figure:
+    """The same step of the parameter from several starts, on the policy and as KL.
+
+    Parameters
+    ----------
+    theta : ArrayLike
+        (n,).
+    kls : ArrayLike
+        (n,).
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-distance.
+    """
     fig, (left, right) = new_figure(1, 2, height=3.6)
     line = np.linspace(-1, theta[-1] + 2, 200)
     left.plot(line, 1 / (1 + np.exp(-line)), color=BLUE, ls="-")
@@ -107,9 +187,29 @@ def two_searches(
     f: Callable[[Floats], ArrayLike], paths: Curves, radii: ArrayLike, *, xlim: Point = (-1.7, 1.7),
     ylim: Point = (-0.8, 2.2),
 ) -> Figure:  # fmt: skip
-    """Contours of f with the paths of a line search and of a trust region. alg-line-search, alg-trust-region
+    """Contours of a function with the paths of a line search and of a trust region.
 
-    f: of arrays x, y. paths: {label: (n, 2)}, the last one that of the trust region. radii: (n,) of its steps.
+    Parameters
+    ----------
+    f : Callable[[Floats], ArrayLike]
+        Of arrays x, y.
+    paths : Curves
+        {label: (n, 2)}, the last one that of the trust region.
+    radii : ArrayLike
+        (n,), of its steps.
+    xlim : Point
+        Ends of the axis.
+    ylim : Point
+        Ends of the axis.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: alg-line-search, alg-trust-region.
     """
     from matplotlib.patches import Circle
 
@@ -127,9 +227,29 @@ def two_searches(
 
 
 def minorize(theta: ArrayLike, performance: ArrayLike, bounds: Curves, path: ArrayLike, title: str = "") -> Figure:
-    """Performance along one parameter, a bound for each step, and where each leads. fig-58, ex-mm, alg-mm
+    """Performance along one parameter, a bound for each step, and where each leads.
 
-    theta, performance: (n,). bounds: (k, n), the last one drawn strongest. path: (k + 1,) parameters.
+    Parameters
+    ----------
+    theta : ArrayLike
+        (n,).
+    performance : ArrayLike
+        (n,).
+    bounds : Curves
+        (k, n), the last one drawn strongest.
+    path : ArrayLike
+        (k + 1,), parameters.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-58, ex-mm, alg-mm.
     """
     fig, ax = new_figure(height=4.2)
     ax.plot(theta, performance, color=RED, ls="-", label="performance η")
@@ -152,7 +272,26 @@ def minorize(theta: ArrayLike, performance: ArrayLike, bounds: Curves, path: Arr
 
 
 def kl_by_scale(scales: ArrayLike, kls: Curves, target: float) -> Figure:
-    """KL of one update against the scale of the rewards, a line for each rule; kls: {label: (n,)}. ex-beta, cl-130"""
+    """KL of one update against the scale of the rewards, a line for each rule.
+
+    Parameters
+    ----------
+    scales : ArrayLike
+        (n,).
+    kls : Curves
+        {label: (n,)}.
+    target : float
+        Height of a dashed line.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-beta, cl-130.
+    """
     fig, ax = new_figure(height=3.8)
     for (label, values), style, mark in zip(kls.items(), styles(kls).values(), "os^"):
         ax.plot(scales, values, label=label, **style | {"marker": mark})
@@ -164,7 +303,24 @@ def kl_by_scale(scales: ArrayLike, kls: Curves, target: float) -> Figure:
 
 
 def kl_and_beta(runs: Curves, target: float) -> Figure:
-    """Mean KL and coefficient of each update, one line a rule; runs: {label: Steps}. cl-127, cl-131"""
+    """Mean KL and coefficient of each update, one line a rule.
+
+    Parameters
+    ----------
+    runs : Curves
+        {label: Steps}.
+    target : float
+        Height of a dashed line.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: cl-127, cl-131.
+    """
     fig, (top, bottom) = new_figure(2, 1, height=4.8, sharex=True)
     for (label, run), style in zip(runs.items(), styles(runs).values()):
         x = np.arange(1, len(run.kl) + 1)
@@ -180,10 +336,33 @@ def kl_and_beta(runs: Curves, target: float) -> Figure:
 def clip_term(
     ratio: ArrayLike, unclipped: ArrayLike, clipped: ArrayLike, at: Sequence[float], epsilon: float, title: str = ""
 ) -> Figure:
-    """One term of the clipped objective against the ratio, and its slope at one ratio. fig-59, fig-60, ex-clip-cases
+    """One term of the clipped objective against the ratio, and its slope at one ratio.
 
-    ratio, unclipped, clipped: (n,), the two terms of the minimum. at: (ratio, value, slope). Shaded: where the
-    unclipped term is the lower one.
+    Shaded: where the unclipped term is the lower one.
+
+    Parameters
+    ----------
+    ratio : ArrayLike
+        (n,).
+    unclipped : ArrayLike
+        (n,), one term of the minimum.
+    clipped : ArrayLike
+        (n,), the other.
+    at : Sequence[float]
+        (ratio, value, slope).
+    epsilon : float
+        Where it is clipped.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-59, fig-60, ex-clip-cases.
     """
     fig, ax = new_figure(height=4.8)
     low, high = min(unclipped.min(), clipped.min()), max(unclipped.max(), clipped.max())
@@ -208,9 +387,27 @@ def clip_term(
 
 
 def returns_and_kl(curves: Curves, *, top: int = 500, title: str = "") -> Figure:
-    """Return and KL of each rollout; curves: {label: dict of (n,) low, mean, high, kl, largest_kl of the seeds}. fig-61
+    """Return and KL of each rollout.
 
     Bands: from the lowest to the highest seed; from the median to the largest KL.
+
+    Parameters
+    ----------
+    curves : Curves
+        {label: dict of (n,) low, mean, high, kl, largest_kl of the seeds}.
+    top : int
+        The highest return there is.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-61.
     """
     fig, (upper, lower) = new_figure(2, 1, height=5.2, sharex=True)
     for (label, of), style in zip(curves.items(), styles(curves).values()):
@@ -235,10 +432,37 @@ def by_setting(
     ylabel: str = "",
     dots: str = "one run",
 ) -> Figure:
-    """Each value as a dot, a row for each setting, means as bars; runs: {label: (n,)}. fig-61, cl-138, cl-143
+    """Each value as a dot, a row for each setting, means as bars.
 
-    marks: one more value for each setting, such as the published one. dots: what a dot is. linear: beyond
-    +-linear the scale is logarithmic.
+    Parameters
+    ----------
+    runs : Curves
+        {label: (n,)}.
+    xlabel : str
+        Of the x axis.
+    marks : Curves | None
+        {label: one more value}, such as the published one.
+    mark_label : str
+        What a mark is.
+    linear : float | None
+        Beyond +-linear the scale is logarithmic.
+    height : float
+        In inches.
+    title : str
+        Written above.
+    ylabel : str
+        Of the y axis.
+    dots : str
+        What a dot is.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: fig-61, cl-138, cl-143.
     """
     fig, ax = new_figure(height=height)
     y = np.arange(len(runs))[::-1]
@@ -261,7 +485,24 @@ def by_setting(
 
 
 def days_of_learning(days: Curves, title: str = "") -> Figure:
-    """How long each amount of experience takes at one rate, on a logarithmic scale; days: {label: number}. ex-dota"""
+    """How long each amount of experience takes at one rate, on a logarithmic scale.
+
+    Parameters
+    ----------
+    days : Curves
+        {label: number}.
+    title : str
+        Written above.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Notes
+    -----
+    Ledger: ex-dota.
+    """
     fig, ax = new_figure(height=4.0)
     y = np.arange(len(days))[::-1]
     ax.barh(y, list(days.values()), left=1e-8, color=BLUE, height=0.6)

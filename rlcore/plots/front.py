@@ -14,7 +14,24 @@ ARROWS = {"up": (0, -1), "down": (0, 1), "right": (1, 0), "left": (-1, 0)}
 
 
 def front_page(mdp: FiniteMDP, solution: Solution, sweep: int, shape: Cell) -> Figure:
-    """Values of a grid after some sweeps, as numbers and colours, with an arrow for each best move of a lookahead."""
+    """Values of a grid after some sweeps, with an arrow for each best move of a lookahead.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The grid.
+    solution : Solution
+        With a history.
+    sweep : int
+        Which of it.
+    shape : Cell
+        (rows, columns).
+
+    Returns
+    -------
+    Figure
+        The figure.
+    """
     V = solution.history[sweep]
     fig, ax = new_figure(height=5.0)
     image = heatmap(ax, V.reshape(shape), fmt=None, vmin=solution.V.min(), vmax=0)

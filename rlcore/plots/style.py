@@ -138,14 +138,46 @@ class Figure(mpl.figure.Figure):
 
 
 def new_figure(nrows: int = 1, ncols: int = 1, *, height: float = HEIGHT, **subplots: Any) -> tuple[Figure, Any]:
-    """Return (figure, axes) as ``plt.subplots`` does, in the book's width; height in inches."""
+    """A figure and its axes, as of matplotlib's subplots, in the book's width.
+
+    Parameters
+    ----------
+    nrows : int
+        Rows of axes.
+    ncols : int
+        Columns.
+    height : float
+        In inches.
+    **subplots : Any
+        As of matplotlib's subplots.
+
+    Returns
+    -------
+    tuple[Figure, Any]
+        (figure, axes).
+    """
     return plt.subplots(nrows, ncols, figsize=(WIDTH, height), FigureClass=Figure, **subplots)
 
 
 def new_diagram(
     xlim: tuple[float, float], ylim: tuple[float, float], *, height: float | None = None
 ) -> tuple[Figure, Axes]:
-    """Return (figure, axes) for a drawing: equal units, no frame, xlim and ylim in the drawing's own units."""
+    """A figure and its axes for a drawing: equal units, no frame.
+
+    Parameters
+    ----------
+    xlim : tuple[float, float]
+        In the drawing's own units.
+    ylim : tuple[float, float]
+        Likewise.
+    height : float | None
+        In inches; what equal units need where None.
+
+    Returns
+    -------
+    tuple[Figure, Axes]
+        (figure, axes).
+    """
     height = WIDTH * (ylim[1] - ylim[0]) / (xlim[1] - xlim[0]) if height is None else height
     fig, ax = new_figure(height=height)
     ax.set(xlim=xlim, ylim=ylim, aspect="equal")
@@ -171,9 +203,21 @@ def rung(label: str) -> str | None:
 
 
 def styles(labels: Iterable[str], marks: str = "osv^Dx") -> dict[str, dict[str, Any]]:
-    """A line style for each label, {label: {"color": ..., "ls": ...}}: that of the method that it names, see METHODS.
+    """A line style for each label: that of the method that it names, see METHODS.
 
     Several settings of one method differ in line and marker; other labels get the colours that are left.
+
+    Parameters
+    ----------
+    labels : Iterable[str]
+        Names of curves.
+    marks : str
+        Markers for several settings of one method.
+
+    Returns
+    -------
+    dict[str, dict[str, Any]]
+        {label: {"color": ..., "ls": ...}}.
     """
     methods = {label: method_of(label) for label in labels}
     taken = {PALETTE[METHODS[method][0]] for method in methods.values() if method}
@@ -200,7 +244,28 @@ def styles(labels: Iterable[str], marks: str = "osv^Dx") -> dict[str, dict[str, 
 
 
 def band(ax: Axes, x: ArrayLike, mean: ArrayLike, spread: ArrayLike, label: str, **line: Any) -> Line2D:
-    """Draw a curve and its spread; spread: (n,) for mean +- spread, or (2, n) for low and high. Returns the line."""
+    """Draw a curve and its spread.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    x : ArrayLike
+        (n,).
+    mean : ArrayLike
+        (n,).
+    spread : ArrayLike
+        (n,) for mean +- spread, or (2, n) for low and high.
+    label : str
+        For the legend.
+    **line : Any
+        Style of the line.
+
+    Returns
+    -------
+    Line2D
+        The line.
+    """
     mean, spread = np.asarray(mean, float), np.asarray(spread, float)
     low, high = spread if spread.ndim == 2 else (mean - spread, mean + spread)
     (curve,) = ax.plot(x, mean, label=label, **line)
@@ -209,7 +274,18 @@ def band(ax: Axes, x: ArrayLike, mean: ArrayLike, spread: ArrayLike, label: str,
 
 
 def text_colour(background: Any) -> str:
-    """Black or white, whichever has the higher contrast on the background colour."""
+    """Black or white, whichever has the higher contrast on a background.
+
+    Parameters
+    ----------
+    background : Any
+        A colour of matplotlib.
+
+    Returns
+    -------
+    str
+        Its name or number.
+    """
     rgb = np.array(mpl.colors.to_rgb(background))
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     return "white" if linear @ [0.2126, 0.7152, 0.0722] < 0.179 else "black"
@@ -221,9 +297,31 @@ def heatmap(
 ) -> QuadMesh:  # fmt: skip
     """Draw a matrix as coloured cells, each with its number; NaN is a grey wall without text.
 
-    Row i, column j is centred at x = j, y = i, first row on top.
-    fmt: how a number is written, None for no text. labels: texts of the same shape, instead of the numbers.
-    vmin, vmax: fix them where several pictures are compared. Returns the image (for a colour bar).
+    Row i, column j is centred at x = j, y = i.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    values : ArrayLike
+        (rows, columns), first row on top.
+    fmt : str | None
+        How a number is written, None for no text.
+    labels : Sequence[Sequence[str]] | None
+        Texts of the same shape, instead of the numbers.
+    cmap : str
+        A colour map of matplotlib.
+    vmin : float | None
+        Fix it where several pictures are compared.
+    vmax : float | None
+        Likewise.
+    fontsize : float
+        In points.
+
+    Returns
+    -------
+    QuadMesh
+        The image, for a colour bar.
     """
     values = np.ma.masked_invalid(np.asarray(values, float))
     rows, columns = (np.arange(n + 1) - 0.5 for n in values.shape)
@@ -248,7 +346,27 @@ def box(
     ax: Axes, xy: Point, text: str = "", *, width: float = 2.0, height: float = 1.0, face: str = PALETTE["light"],
     edge: str = PALETTE["black"], **font: Any,
 ) -> None:  # fmt: skip
-    """Draw a rounded box centred at xy with its text."""
+    """Draw a rounded box with its text.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    xy : Point
+        Its centre.
+    text : str
+        In it.
+    width : float
+        In units of the drawing.
+    height : float
+        Likewise.
+    face : str
+        Colour inside.
+    edge : str
+        Colour of the line.
+    **font : Any
+        As of matplotlib's text.
+    """
     corner = (xy[0] - width / 2, xy[1] - height / 2)
     style = f"round,pad=0,rounding_size={0.15 * min(width, height)}"
     ax.add_patch(FancyBboxPatch(corner, width, height, boxstyle=style, fc=face, ec=edge, lw=1.8, zorder=2))
@@ -259,7 +377,25 @@ def circle(
     ax: Axes, xy: Point, text: str = "", *, radius: float = 0.4, face: str = "white", edge: str = PALETTE["black"],
     **font: Any,
 ) -> None:  # fmt: skip
-    """Draw a circle at xy: white for a state, filled with edge's colour (face=edge) for an action."""
+    """Draw a circle: white for a state, filled for an action (face=edge).
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    xy : Point
+        Its centre.
+    text : str
+        In it.
+    radius : float
+        In units of the drawing.
+    face : str
+        Colour inside.
+    edge : str
+        Colour of the line.
+    **font : Any
+        As of matplotlib's text.
+    """
     ax.add_patch(Circle(xy, radius, fc=face, ec=edge, lw=1.8, zorder=2))
     ax.text(*xy, text, ha="center", va="center", color=text_colour(face), zorder=3, **font)
 
@@ -268,9 +404,30 @@ def arrow(
     ax: Axes, start: ArrayLike, end: ArrayLike, text: str = "", *, curve: float = 0.0, colour: str = PALETTE["black"],
     line: str = "-", at: float = 0.5, offset: Point = (0.0, 0.0), **font: Any,
 ) -> None:  # fmt: skip
-    """Draw an arrow from start to end, bent by curve (a fraction of its length, to the left of travel).
+    """Draw an arrow.
 
-    text stands on a white ground at the fraction ``at`` of the way, moved by ``offset`` in the drawing's units.
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    start : ArrayLike
+        A point.
+    end : ArrayLike
+        A point.
+    text : str
+        On a white ground, beside it.
+    curve : float
+        How far it is bent, a fraction of its length, to the left of travel.
+    colour : str
+        Of line and text.
+    line : str
+        Style of the line.
+    at : float
+        Fraction of the way at which the text stands.
+    offset : Point
+        Moves the text, in the drawing's units.
+    **font : Any
+        As of matplotlib's text.
     """
     start, end = np.asarray(start, float), np.asarray(end, float)
     style = {"arrowstyle": "-|>", "mutation_scale": 16, "connectionstyle": f"arc3,rad={-curve}"}
@@ -283,9 +440,21 @@ def arrow(
 
 
 def encode(fig: Any, fmt: str = "svg", *, dpi: int = 150) -> tuple[str, bytes]:
-    """Return (mime type, bytes) of a figure and close it: SVG with real text, or PNG of 256 colours.
+    """The bytes of a figure, which is closed: SVG with real text, or PNG of 256 colours.
 
-    The same figure gives the same bytes. fmt: "svg", or "png" for pictures with very many points.
+    Parameters
+    ----------
+    fig : Any
+        The figure.
+    fmt : str
+        "svg", or "png" for pictures with very many points.
+    dpi : int
+        Pixels an inch of a PNG.
+
+    Returns
+    -------
+    tuple[str, bytes]
+        (mime type, bytes); the same figure gives the same bytes.
     """
     if not isinstance(fig, mpl.figure.Figure):
         raise ValueError(f"draw returned {type(fig).__name__}; it must return a matplotlib Figure")

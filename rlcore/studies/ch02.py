@@ -24,7 +24,24 @@ from rlcore.td import td_error
 
 @checked
 def backups_per_second(mdp: FiniteMDP, gamma: float = 0.9) -> float:
-    """State values that value iteration computes in a second on this machine, one core. ex-backgammon"""
+    """State values that value iteration computes in a second on this machine, on one core.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    gamma : float
+        Discount, below 1.
+
+    Returns
+    -------
+    float
+        Backups a second.
+
+    Notes
+    -----
+    Ledger: ex-backgammon.
+    """
     value_iteration(mdp, gamma, tol=1.0)  # compiles
     start = time.perf_counter()
     sweeps = value_iteration(mdp, gamma, tol=1e-3).n_iter
@@ -40,9 +57,25 @@ def _club(name, club, given):
 
 @checked(club=_club)
 def best_with_club(mdp: FiniteMDP, Q: ArrayLike, club: str) -> Floats:
-    """max of Q over the actions of one club, (S,): q(s, club). eq-14, fig-5
+    """The best value of playing a club first: max of Q over its actions.
 
-    Q: (S, A). club: the first word of the action's name, "putter" or "driver". -inf where the club has no legal shot.
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        A golf course.
+    Q : ArrayLike
+        (S, A).
+    club : str
+        The first word of its actions' names: "putter" or "driver".
+
+    Returns
+    -------
+    Floats
+        (S,), -inf where the club has no legal shot.
+
+    Notes
+    -----
+    Ledger: eq-14, fig-5.
     """
     mine = [a for a, name in enumerate(mdp.action_names) if name.split()[0] == club]
     return Q[:, mine].max(axis=1)
@@ -50,10 +83,26 @@ def best_with_club(mdp: FiniteMDP, Q: ArrayLike, club: str) -> Floats:
 
 @checked
 def putting_values(mdp: FiniteMDP, n_sweeps: int) -> Floats:
-    """Sweeps of (16) where some states may never reach the end: history (n_sweeps + 1, S). ex-golf-putter
+    """Sweeps of (16) where some states may never reach the end.
 
-    V_k is the best return of k strokes. In a state from which the hole cannot be reached it falls by 1 in each sweep,
-    for ever, so that its limit is -infinity; value_iteration refuses such a process at gamma = 1.
+    In a state from which the hole cannot be reached it falls by 1 in each sweep, for ever, so that its limit is
+    -infinity; value_iteration refuses such a process at gamma = 1.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    n_sweeps : int
+        How many.
+
+    Returns
+    -------
+    Floats
+        (n_sweeps + 1, S), V_0 first; V_k is the best return of k strokes.
+
+    Notes
+    -----
+    Ledger: ex-golf-putter.
     """
     history = [np.zeros(mdp.n_states)]
     for _ in range(n_sweeps):
@@ -63,7 +112,22 @@ def putting_values(mdp: FiniteMDP, n_sweeps: int) -> Floats:
 
 @checked
 def free_last_stroke(mdp: FiniteMDP) -> FiniteMDP:
-    """The same process, but the stroke that reaches the hole costs nothing (the document's wording). ex-golf-putter"""
+    """The same process, but the stroke that reaches the hole costs nothing (the document's wording).
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        A golf course.
+
+    Returns
+    -------
+    FiniteMDP
+        The process.
+
+    Notes
+    -----
+    Ledger: ex-golf-putter.
+    """
     reward = np.where(mdp.terminal[mdp.next_state], 0.0, mdp.reward)
     names = (mdp.state_names, mdp.action_names)
     return FiniteMDP(mdp.next_state, mdp.prob, reward, mdp.legal, mdp.terminal, mdp.start, *names)
@@ -84,14 +148,58 @@ def _few_cells(name, cols, given):
 
 @checked(rows=count(), cols=_few_cells)
 def board_states(rows: int, cols: int) -> int:
-    """Boards that two players who move in turn can fill, wins left aside: sum over k of C(n, k) C(k, k // 2). cl-023"""
+    """Boards that two players who move in turn can fill, wins left aside.
+
+    Parameters
+    ----------
+    rows : int
+        Rows; rows * cols at most 1,000.
+    cols : int
+        Columns.
+
+    Returns
+    -------
+    int
+        The sum over k of C(n, k) C(k, k // 2), n = rows * cols.
+
+    Notes
+    -----
+    Ledger: cl-023.
+
+    Examples
+    --------
+    >>> from rlcore.studies.ch02 import board_states
+    >>> board_states(3, 3)
+    6046
+    """
     n = rows * cols
     return sum(comb(n, k) * comb(k, k // 2) for k in range(n + 1))
 
 
 @checked(**rules(check_positive, "n_states per_second n_bytes"))
 def cost_of_a_sweep(n_states: float, per_second: float = 1e9, n_bytes: float = 8) -> tuple[float, float]:
-    """(years, bytes): time of one backup of every state, and memory for one number a state. ex-backgammon"""
+    """What one backup of every state takes.
+
+    Parameters
+    ----------
+    n_states : float
+        S.
+    per_second : float
+        Backups a second.
+    n_bytes : float
+        Of a number.
+
+    Returns
+    -------
+    years : float
+        The time.
+    bytes : float
+        Memory for one number a state.
+
+    Notes
+    -----
+    Ledger: ex-backgammon.
+    """
     return n_states / per_second / SECONDS_PER_YEAR, n_states * n_bytes
 
 
@@ -117,10 +225,45 @@ def td0_groups(
     world: World, pi: ArrayLike, gamma: float, n_episodes: int, *, groups: ArrayLike, alpha: Rate, w0: float = 0.0,
     max_steps: int | None = None, record: int = 0, on_episode: OnEpisode | None = None, rng: Rng,
 ) -> Run:  # fmt: skip
-    """TD(0) with state aggregation: states of one group share one value. ex-tabular
+    """TD(0) with state aggregation: the states of a group share one value.
 
-    groups: (S,) integers from 0. w0: the first value of all. Others, and the Run, whose weights are the values of the
-    groups: as in td0. Source: Sutton and Barto (2018), section 9.3.
+    Parameters
+    ----------
+    world : World
+        What is learned from.
+    pi : ArrayLike
+        (S, A), the policy.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Episodes.
+    groups : ArrayLike
+        (S,), integers from 0.
+    alpha : Rate
+        Step size.
+    w0 : float
+        The first value of all.
+    max_steps : int | None
+        Where an episode is cut; see `td0`.
+    record : int
+        Keep the values after each record-th episode.
+    on_episode : OnEpisode | None
+        on_episode(return, steps so far); True ends the run.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Run
+        As of `td0`; weights are the values of the groups.
+
+    Notes
+    -----
+    Ledger: ex-tabular.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 9.3.
     """
     w, N = np.full(groups.max() + 1, w0), np.zeros(groups.max() + 1, np.int64)
     returns, lengths, history = log(w, n_episodes, record)

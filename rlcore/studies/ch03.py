@@ -36,9 +36,34 @@ def _taken(name, actions, given):
 
 @checked(states=_visited, actions=_taken)
 def trajectory_probability(mdp: FiniteMDP, pi: ArrayLike, states: ArrayLike, actions: ArrayLike) -> float:
-    """p(s_1, a_1, ..., s_T, a_T): start, then policy and dynamics in turn; no dynamics after a_T. eq-u-traj-prob
+    """p(s_1, a_1, ..., s_T, a_T): start, then policy and dynamics in turn; no dynamics after a_T.
 
-    states, actions: (T,) each.
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    pi : ArrayLike
+        (S, A), the policy.
+    states : ArrayLike
+        (T,).
+    actions : ArrayLike
+        (T,).
+
+    Returns
+    -------
+    float
+        The probability.
+
+    Notes
+    -----
+    Ledger: eq-u-traj-prob.
+
+    Examples
+    --------
+    >>> from rlcore.envs.small import two_state_mdp
+    >>> from rlcore.studies.ch03 import trajectory_probability
+    >>> trajectory_probability(two_state_mdp(), [[0.5, 0.5], [0.5, 0.5]], [0, 1], [1, 0])
+    0.2
     """
     policy, dynamics = pi[states, actions], mdp.transition_probs()[states[:-1], actions[:-1], states[1:]]
     return float(mdp.start[states[0]] * policy.prod() * dynamics.prod())  # eq-u-traj-prob
@@ -58,7 +83,30 @@ def _few_steps(name, T, given):
 
 @checked(T=_few_steps)
 def trajectories(mdp: FiniteMDP, pi: ArrayLike, T: int) -> tuple[Ints, Ints, Floats]:
-    """Every trajectory of T states and actions: states (n, T), actions (n, T), probabilities (n,). fig-8"""
+    """Every trajectory of T states and actions.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    pi : ArrayLike
+        (S, A), the policy.
+    T : int
+        At most 20, and at most a million trajectories.
+
+    Returns
+    -------
+    states : Ints
+        (n, T).
+    actions : Ints
+        (n, T).
+    prob : Floats
+        (n,), their probabilities.
+
+    Notes
+    -----
+    Ledger: fig-8.
+    """
     states = np.array(list(itertools.product(range(mdp.n_states), repeat=T)))
     actions = np.array(list(itertools.product(range(mdp.n_actions), repeat=T)))
     states, actions = np.repeat(states, len(actions), axis=0), np.tile(actions, (len(states), 1))
@@ -66,14 +114,43 @@ def trajectories(mdp: FiniteMDP, pi: ArrayLike, T: int) -> tuple[Ints, Ints, Flo
 
 
 def objective(mdp: FiniteMDP, pi: ArrayLike, T: int) -> float:
-    """Expected sum of T rewards, by enumeration of every trajectory. eq-u-objective, fig-8"""
+    """Expected sum of T rewards, by enumeration of every trajectory.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    pi : ArrayLike
+        (S, A), the policy.
+    T : int
+        As for `trajectories`.
+
+    Returns
+    -------
+    float
+        The sum, undiscounted.
+
+    Notes
+    -----
+    Ledger: eq-u-objective, fig-8.
+    """
     states, actions, prob = trajectories(mdp, pi, T)
     return float(prob @ mdp.expected_reward()[states, actions].sum(axis=1))  # eq-u-objective
 
 
 @dataclass(frozen=True, eq=False)
 class Updates:
-    """Q (S, A); visits (S, A), how often each pair was updated; history (n_updates // record + 1, S, A), Q_0 first."""
+    """What `spread_updates` found.
+
+    Parameters
+    ----------
+    Q : np.ndarray
+        (S, A).
+    visits : np.ndarray
+        (S, A), how often each pair was updated.
+    history : np.ndarray
+        (n_updates // record + 1, S, A), Q_0 first.
+    """
 
     Q: np.ndarray
     visits: np.ndarray
@@ -84,10 +161,38 @@ class Updates:
 def spread_updates(
     mdp: FiniteMDP, gamma: float, n_updates: int, *, where: str, epsilon: float = 0.1, record: int = 1, rng: Rng
 ) -> Updates:
-    """n_updates backups (17), each of one pair, with the choice of pairs as the only difference. cl-022
+    """Backups (17), each of one pair, with the choice of pairs as the only difference.
 
-    where: "trajectory" updates the pairs that an epsilon-greedy agent meets, from the start state to the end and again;
-    "uniform" draws every pair outside terminal states equally often. Source: Sutton and Barto (2018), section 8.6.
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    gamma : float
+        Discount, in [0, 1].
+    n_updates : int
+        How many.
+    where : str
+        "trajectory": the pairs that an epsilon-greedy agent meets, from the start state to the end and again;
+        "uniform": every pair outside terminal states equally often.
+    epsilon : float
+        Of that agent.
+    record : int
+        Keep Q after each record-th update.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Updates
+        Q, visits and history.
+
+    Notes
+    -----
+    Ledger: cl-022.
+
+    References
+    ----------
+    Sutton and Barto (2018), section 8.6.
     """
     pairs = np.argwhere(mdp.legal & ~mdp.terminal[:, None])
     Q0 = np.where(mdp.legal, 0.0, -np.inf)
@@ -138,11 +243,45 @@ def reinforce_linear(
     n_actions: int, gamma: float, n_episodes: int, *, alpha: float, scale: ArrayLike = 1.0, max_steps: int = 200,
     rng: Rng,
 ) -> Run:  # fmt: skip
-    """Policy gradient with a softmax that is linear in the state, returns to go and their mean as baseline. cl-025
+    """Policy gradient with a softmax linear in the state, returns to go less their mean.
 
-    start(rng=) -> (d,) first state; step(x, a) -> next state; alive(x) -> whether to go on. Each step pays 1.
-    alpha: step size; scale: (d,) or a number that divides the state, so that its parts are of order 1.
-    Returns a Run; policy is W (A, d), history (n_episodes + 1, A, d). Source: Williams (1992).
+    Each step pays 1.
+
+    Parameters
+    ----------
+    start : Callable[..., Floats]
+        start(rng=) gives the first state, (d,).
+    step : Callable[[Floats, int], Floats]
+        step(x, a) gives the next state.
+    alive : Callable[[Floats], bool]
+        alive(x) says whether to go on.
+    n_actions : int
+        A.
+    gamma : float
+        Discount, in [0, 1].
+    n_episodes : int
+        Episodes.
+    alpha : float
+        Step size.
+    scale : ArrayLike
+        (d,) or a number that divides the state, so that its parts are of order 1.
+    max_steps : int
+        Where an episode is cut.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Run
+        policy is W (A, d), history (n_episodes + 1, A, d).
+
+    Notes
+    -----
+    Ledger: cl-025.
+
+    References
+    ----------
+    Williams (1992).
     """
     W = np.zeros((n_actions, np.size(start(rng=rng))))
     if scale.size not in (1, W.shape[1]):

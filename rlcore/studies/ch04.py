@@ -19,9 +19,39 @@ from rlcore.nstep import values_on_the_way
 
 
 def repeat(method: Callable[..., Any], *args: Any, n_runs: int, rng: Rng, **settings: Any) -> list[Any]:
-    """n_runs independent runs of method(*args, **settings, rng=...), as a list. fig-17, fig-22
+    """Independent runs of method(*args, **settings, rng=...).
 
-    rng: each run gets a child of it.
+    Parameters
+    ----------
+    method : Callable[..., Any]
+        A learner.
+    *args : Any
+        What it is called with.
+    n_runs : int
+        How many.
+    rng : Rng
+        Each run gets a child of it.
+    **settings : Any
+        What it is called with.
+
+    Returns
+    -------
+    list[Any]
+        What it returned, run by run.
+
+    Notes
+    -----
+    Ledger: fig-17, fig-22.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rlcore import td0
+    >>> from rlcore.envs.small import random_walk
+    >>> from rlcore.studies.ch04 import repeat
+    >>> pi, rng = np.ones((5, 1)), np.random.default_rng(0)
+    >>> [run.returns.size for run in repeat(td0, random_walk(3), pi, 1.0, 4, alpha=0.1, n_runs=2, rng=rng)]
+    [4, 4]
     """
     check_function("method", method, "(*args, rng=, **settings)")
     children = check_rng(rng).spawn(check_count("n_runs", n_runs))
@@ -41,17 +71,49 @@ def _inner_states(name, truth, given):
 
 @checked(V=rule_of(as_floats), truth=_inner_states)
 def walk_error(V: ArrayLike, truth: ArrayLike) -> Floats:
-    """Root mean square error over the n states of a random walk. fig-17, fig-18, ex-random-walk-19
+    """Root mean square error over the n states of a random walk.
 
-    V: (..., n + 2) estimates, the two ends included but not counted; those that diverged give NaN or infinity.
-    truth: (n,). Returns (...).
+    Parameters
+    ----------
+    V : ArrayLike
+        (..., n + 2) estimates, the two ends included but not counted.
+    truth : ArrayLike
+        (n,), the values.
+
+    Returns
+    -------
+    Floats
+        (...); NaN or infinity of estimates that diverged.
+
+    Notes
+    -----
+    Ledger: fig-17, fig-18, ex-random-walk-19.
     """
     return np.sqrt(((V[..., 1:-1] - truth) ** 2).mean(axis=-1))
 
 
 @checked(V=array("S"), episodes=episode_pairs)
 def squared_error(V: ArrayLike, episodes: Episodes, gamma: float) -> float:
-    """Sum of (G_t - V(S_t))^2 over all steps of all episodes (Trajectories or pairs of states, rewards). cl-048"""
+    """Sum of (G_t - V(S_t))^2 over all steps of all episodes.
+
+    Parameters
+    ----------
+    V : ArrayLike
+        (S,).
+    episodes : Episodes
+        Trajectories, or pairs of states and rewards.
+    gamma : float
+        Discount, in [0, 1].
+
+    Returns
+    -------
+    float
+        The sum.
+
+    Notes
+    -----
+    Ledger: cl-048.
+    """
     total = 0.0
     for states, rewards in episodes:
         values = values_on_the_way(states, rewards, V)
@@ -66,9 +128,40 @@ Update = namedtuple("Update", "s a s_next old new")
 def first_updates(
     method: Callable[..., Any], world: World, gamma: float, n_steps: int, *, alpha: float, epsilon: Rate, rng: Rng
 ) -> list[Update]:
-    """The first n_steps updates of a control method as a list of Update. fig-20, fig-21
+    """The first updates of a control method, one by one.
 
-    The same run is cut after 1, 2, ... steps; what differs is the update. Every update must change its entry.
+    The same run is cut after 1, 2, ... steps; what differs is the update.
+
+    Parameters
+    ----------
+    method : Callable[..., Any]
+        A learner: method(world, gamma, n_episodes, ...).
+    world : World
+        What it learns from.
+    gamma : float
+        Discount, in [0, 1].
+    n_steps : int
+        How many.
+    alpha : float
+        Step size.
+    epsilon : Rate
+        Of its actions.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    list[Update]
+        (s, a, s_next, old, new) each; s_next is -1 in the last.
+
+    Raises
+    ------
+    ValueError
+        Where an update changes no entry.
+
+    Notes
+    -----
+    Ledger: fig-20, fig-21.
     """
     settings = dict(alpha=alpha, epsilon=epsilon, record=0)
     before, updates = np.where(world.legal, 0.0, -np.inf), []
@@ -85,9 +178,25 @@ def first_updates(
 
 @checked
 def with_random_actions(mdp: FiniteMDP, epsilon: float) -> FiniteMDP:
-    """The process in which each chosen action is replaced, with probability epsilon, by one of A(s) at random. fig-22
+    """The process in which each chosen action is replaced, with some probability, by any of A(s).
 
-    Its optimal policy is the best that an epsilon-greedy agent can do. Terminal states stay.
+    Its optimal policy is the best that an epsilon-greedy agent can do.
+
+    Parameters
+    ----------
+    mdp : FiniteMDP
+        The process.
+    epsilon : float
+        The probability.
+
+    Returns
+    -------
+    FiniteMDP
+        The other process; terminal states stay.
+
+    Notes
+    -----
+    Ledger: fig-22.
     """
     P, R = mdp.transition_probs(), mdp.expected_reward()
     legal = mdp.legal / mdp.legal.sum(axis=1, keepdims=True)

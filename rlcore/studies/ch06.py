@@ -28,11 +28,35 @@ def _size(name, size, given):
 
 @checked(size=_size, n_train=_n_train)
 def load_digits_28(*, size: int = 28, n_train: int = 1500, rng: Rng) -> tuple[Floats, Ints, Floats, Ints]:
-    """scikit-learn's 1,797 digits of 8x8 pixels, enlarged by bilinear interpolation, in random order. fig-47, ex-digits
+    """scikit-learn's 1,797 digits of 8x8 pixels, enlarged by bilinear interpolation, in random order.
 
-    size: pixels a side; 8 leaves them as they are. n_train: how many are for training, the others for testing.
-    Returns x_train (n_train, size * size) float32 in [0, 1], labels_train (n_train,), x_test, labels_test.
-    Source: Alpaydin and Kaynak (1998), UCI; scikit-learn's load_digits.
+    Parameters
+    ----------
+    size : int
+        Pixels a side; 8 leaves them as they are.
+    n_train : int
+        How many are for training, the others for testing.
+    rng : Rng
+        What draws the order.
+
+    Returns
+    -------
+    x_train : Floats
+        (n_train, size * size), float32 in [0, 1].
+    labels_train : Ints
+        (n_train,).
+    x_test : Floats
+        Likewise.
+    labels_test : Ints
+        Likewise.
+
+    Notes
+    -----
+    Ledger: fig-47, ex-digits.
+
+    References
+    ----------
+    Alpaydin and Kaynak (1998), UCI; scikit-learn's load_digits.
     """
     with extra("digits"):
         from sklearn.datasets import load_digits

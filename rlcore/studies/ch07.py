@@ -25,9 +25,33 @@ def train(
     n_episodes: int, *, baseline: str = "time", hidden: int = 16, lr: float = 0.01, gamma: float = 0.99,
     stop: bool = False, rng: Rng,
 ) -> Run:  # fmt: skip
-    """Run of `reinforce_network` on CartPole-v1, cut at 200 steps: hidden tanh neurons, Adam(lr). fig-56, ex-cartpole
+    """A run of `reinforce_network` on CartPole-v1, cut at 200 steps: hidden tanh neurons, Adam.
 
-    baseline: as there. stop: at the end of the first 100 episodes that average 195, or after n_episodes.
+    Parameters
+    ----------
+    n_episodes : int
+        Episodes, at most.
+    baseline : str
+        As of `reinforce_network`.
+    hidden : int
+        Neurons of the one hidden layer.
+    lr : float
+        Learning rate.
+    gamma : float
+        Discount, in [0, 1].
+    stop : bool
+        Whether to end after the first 100 episodes that average 195 steps.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Run
+        The run.
+
+    Notes
+    -----
+    Ledger: fig-56, ex-cartpole.
     """
     lengths, net = [], MLP([4, hidden, 2], optimizer=Adam(lr), rng=rng)
 
@@ -48,7 +72,28 @@ def _lengths(name, lengths, given):
 
 @checked(lengths=_lengths)
 def solved(lengths: ArrayLike) -> int | None:
-    """First of the first 100 episodes that average 195 steps, from 1; None where never. lengths: (n,). fig-56"""
+    """First of the first 100 episodes that average 195 steps.
+
+    Parameters
+    ----------
+    lengths : ArrayLike
+        (n,), steps of each episode.
+
+    Returns
+    -------
+    int | None
+        Its number, from 1; None where never.
+
+    Notes
+    -----
+    Ledger: fig-56.
+
+    Examples
+    --------
+    >>> from rlcore.studies.ch07 import solved
+    >>> solved([10] * 5 + [200] * 100)
+    4
+    """
     total = np.append(0, np.cumsum(lengths))
     found = np.flatnonzero(total[WINDOW:] - total[:-WINDOW] >= ENOUGH * WINDOW)
     return int(found[0]) + 1 if found.size else None
@@ -67,11 +112,35 @@ def _rows(name, rows, given):
 
 @checked(rows=_rows, baseline=choice(*BASELINES), hidden=count())
 def runs(rows: Rows, *, baseline: str = "time", hidden: int = 16, lr: float = 0.01, gamma: float = 0.99) -> Runs:
-    """The table's runs of a setting, n of 1,000 episodes, one a seed. fig-56
+    """The table's runs of a setting, 1,000 episodes each, one a seed.
 
-    rows: of book/data/figure56.csv, as rlcore.tables.read gives them. baseline: "none" for plain REINFORCE. Returns
-    Runs: solved (n,), as of `solved`, NaN where never; last (n,), mean length
-    of the last 100; steps (n,) of all episodes; blocks (n, 50), mean length of each 20 episodes.
+    Parameters
+    ----------
+    rows : Rows
+        Of book/data/figure56.csv, as `rlcore.studies.tables.read` gives them.
+    baseline : str
+        "none" for plain REINFORCE, "time", "value" or "normalised".
+    hidden : int
+        Neurons of the one hidden layer.
+    lr : float
+        Learning rate.
+    gamma : float
+        Discount.
+
+    Returns
+    -------
+    Runs
+        solved (n,), as of `solved`, NaN where never; last (n,), mean length of the last 100; steps (n,) of all
+        episodes; blocks (n, 50), mean length of each 20 episodes.
+
+    Raises
+    ------
+    ValueError
+        Where no run has this setting.
+
+    Notes
+    -----
+    Ledger: fig-56.
     """
     setting = dict(baseline=baseline, hidden=hidden, lr=lr, gamma=gamma)
     chosen = [row for row in rows if all(row[name] == value for name, value in setting.items())]
@@ -96,11 +165,36 @@ def _with_x(name, y, given):
 
 @checked(x=probabilities, y=_with_x)
 def bluff_values(x: ArrayLike, y: ArrayLike) -> Floats:
-    """Expected gain of the bettor, who bluffs with probability x while the other calls with probability y. ex-bluff
+    """Expected gain of the bettor, who bluffs with probability x while the other calls with y.
 
     The pot is 2, the bet 1. The bettor has the better hand half of the time, and then bets; with the worse it bets
-    (bluffs) or checks and loses the pot. Equilibrium: x = 1/3, y = 2/3, value 4/3. x, y: numbers or arrays in [0, 1].
-    Source: von Neumann and Morgenstern (1944), chapter 19, in spirit.
+    (bluffs) or checks and loses the pot. Equilibrium: x = 1/3, y = 2/3, value 4/3.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        In [0, 1], a number or an array.
+    y : ArrayLike
+        Likewise.
+
+    Returns
+    -------
+    Floats
+        The gain, as x and y.
+
+    Notes
+    -----
+    Ledger: ex-bluff.
+
+    References
+    ----------
+    von Neumann and Morgenstern (1944), chapter 19, in spirit.
+
+    Examples
+    --------
+    >>> from rlcore.studies.ch07 import bluff_values
+    >>> bluff_values(1 / 3, [0.0, 0.5, 1.0]).round(3)
+    array([1.333, 1.333, 1.333])
     """
     good = y * (POT + BET) + (1 - y) * POT
     bad = x * (-y * BET + (1 - y) * POT)
@@ -109,15 +203,48 @@ def bluff_values(x: ArrayLike, y: ArrayLike) -> Floats:
 
 @checked(x=probabilities)
 def bluff_guarantee(x: ArrayLike) -> Floats:
-    """What bluffing with probability x gains against the caller who does best against it. ex-bluff"""
+    """What bluffing with probability x gains against the caller who does best against it.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        In [0, 1], a number or an array.
+
+    Returns
+    -------
+    Floats
+        As x.
+
+    Notes
+    -----
+    Ledger: ex-bluff.
+    """
     return np.minimum(bluff_values(x, 0.0), bluff_values(x, 1.0))
 
 
 @checked(x=probabilities, y=_with_x)
 def bluff_gradients(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-    """Derivatives of each player's own gain with respect to its preference for bluffing, for calling. ex-bluff
+    """Derivatives of each player's own gain with respect to its preference.
 
     Both are softmax policies of two actions: x = 1 / (1 + exp(-theta)), and y alike.
+
+    Parameters
+    ----------
+    x : ArrayLike
+        Probability of bluffing.
+    y : ArrayLike
+        Probability of calling.
+
+    Returns
+    -------
+    d_bettor : Floats
+        With respect to the preference for bluffing.
+    d_caller : Floats
+        With respect to the preference for calling.
+
+    Notes
+    -----
+    Ledger: ex-bluff.
     """
     d_x = 0.5 * (POT - y * (POT + BET))
     d_y = -0.5 * (BET - x * (POT + BET))
@@ -131,12 +258,35 @@ def bluff_gradients(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
 def bluff_learning(
     x: float, y: float, n_steps: int, *, alpha: float, epsilon: float | None = None, caller: str = "gradient"
 ) -> Floats:
-    """Both players learn with exact gradients, the bettor first: (n_steps + 1, 2) probabilities x, y. ex-bluff, cl-102
+    """Both players learn with exact gradients, the bettor first.
 
-    x, y: start, inside (0, 1). caller: "gradient", or "best" for one who always answers with what is best against x.
-    epsilon: instead, each player takes the action that is better against the other's last policy with probability
-    1 - epsilon / 2; alpha does not matter then. Of two learning players the policies circle the equilibrium; their mean
-    goes to it. Against the best caller x itself does, up to alpha.
+    Of two learning players the policies circle the equilibrium; their mean goes to it. Against the best caller x
+    itself does, up to alpha.
+
+    Parameters
+    ----------
+    x : float
+        Where the bettor starts, in (0, 1).
+    y : float
+        Where the caller starts, in (0, 1).
+    n_steps : int
+        Steps of each.
+    alpha : float
+        Step size.
+    epsilon : float | None
+        Instead of gradients: each player takes the action that is better against the other's last policy with
+        probability 1 - epsilon / 2.
+    caller : str
+        "gradient", or "best" for one who always answers with what is best against x.
+
+    Returns
+    -------
+    Floats
+        (n_steps + 1, 2), the probabilities x, y.
+
+    Notes
+    -----
+    Ledger: ex-bluff, cl-102.
     """
     theta, history = [np.log(p / (1 - p)) for p in (x, y)], [(x, y)]
     for _ in range(n_steps):

@@ -36,9 +36,25 @@ LABELLED: dict[str, Rule] = dict(net=network, x=finite_numbers, label=_label)
 
 @checked(**LABELLED)
 def supervised_logprob_grad(net: Network, x: ArrayLike, label: int) -> Floats:
-    """Gradient of ln p(label | x) with respect to the network's parameters, (P,). eq-ppo-40, alg-supervised-logprob
+    """Gradient of ln p(label | x) with respect to the network's parameters.
 
-    net: MLP or TorchNet whose outputs are logits. x: (d,) or (B, d). label: a class, or (B,) of them, which are summed.
+    Parameters
+    ----------
+    net : Network
+        Its outputs are logits.
+    x : ArrayLike
+        (d,) or (B, d).
+    label : int
+        A class, or (B,) of them, which are summed.
+
+    Returns
+    -------
+    Floats
+        (P,).
+
+    Notes
+    -----
+    Ledger: eq-ppo-40, alg-supervised-logprob.
     """
     return net.backward(Categorical(net.forward(x)).grad_log_prob(label))  # eq-ppo-40
 
@@ -47,10 +63,31 @@ def supervised_logprob_grad(net: Network, x: ArrayLike, label: int) -> Floats:
 def supervised_logprob_step(
     net: Network, x: ArrayLike, label: int, lr: float, *, weight: float = 1.0
 ) -> tuple[Floats, Floats]:
-    """One ascent step on weight ln p(label | x), theta changed in place; ln p before and after. fig-57, ex-up-down
+    """One ascent step on weight ln p(label | x), theta changed in place.
 
-    weight: what is put on the log probability: 1 for the right label, +1 or -1 for a drawn action and its outcome.
-    lr: step size. Returns two numbers, or two (B,). alg-supervised-logprob
+    Parameters
+    ----------
+    net : Network
+        Its outputs are logits.
+    x : ArrayLike
+        (d,) or (B, d).
+    label : int
+        A class, or (B,) of them.
+    lr : float
+        Step size.
+    weight : float
+        What is put on the log probability: 1 for the right label, +1 or -1 for a drawn action and its outcome.
+
+    Returns
+    -------
+    before : Floats
+        ln p before the step, a number or (B,).
+    after : Floats
+        ln p after it.
+
+    Notes
+    -----
+    Ledger: alg-supervised-logprob, fig-57, ex-up-down.
     """
     before = Categorical(net.forward(x)).log_prob(label)
     net.theta += (lr * weight * supervised_logprob_grad.unchecked(net, x, label)).astype(net.theta.dtype)
@@ -59,10 +96,31 @@ def supervised_logprob_step(
 
 @checked(world=anything, features=anything, alpha=anything)
 def episode_outcome_pg(world: World, n_episodes: int, *, features: ArrayLike, alpha: float, rng: Rng) -> Run:
-    """Gradient of every action of an episode, times +1 or -1 once its outcome is known. alg-pg-plus-minus, ex-outcome
+    """Gradient of every action of an episode, times +1 or -1 once its outcome is known.
 
-    Arguments and result as for `reinforce`, which this is: without discount or baseline, in a world that pays +1 or -1
-    at the end. Run.history holds theta before and after, (2, A, d). cl-120
+    It is `reinforce` without discount or baseline.
+
+    Parameters
+    ----------
+    world : World
+        It pays +1 or -1 at the end, else 0.
+    n_episodes : int
+        Episodes.
+    features : ArrayLike
+        As of `reinforce`.
+    alpha : float
+        Step size.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Run
+        history holds theta before and after, (2, A, d).
+
+    Notes
+    -----
+    Ledger: alg-pg-plus-minus, ex-outcome, cl-120.
     """
     return reinforce(world, 1.0, n_episodes, alpha=alpha, features=features, record=n_episodes, rng=rng)
 
@@ -77,9 +135,23 @@ def _n_classes(name, A, given):
 
 @checked(labels=anything, n_classes=_n_classes)
 def label_bandit(labels: ArrayLike, n_classes: int) -> FiniteMDP:
-    """Labels (n,) as a process: a picture at random, an action for its class, reward 1 if right, the end. cl-117
+    """Labels as a process: a picture at random, an action for its class, reward 1 if right, the end.
 
-    State i is picture i, state n the end: features for it are a row to append. alg-supervised-logprob
+    Parameters
+    ----------
+    labels : ArrayLike
+        (n,), classes.
+    n_classes : int
+        A.
+
+    Returns
+    -------
+    FiniteMDP
+        State i is picture i, state n the end: features for it are a row to append.
+
+    Notes
+    -----
+    Ledger: cl-117, alg-supervised-logprob.
     """
     n, A = labels.size, n_classes
     next_state, terminal = np.full((n + 1, A, 1), n), np.arange(n + 1) == n
@@ -89,9 +161,20 @@ def label_bandit(labels: ArrayLike, n_classes: int) -> FiniteMDP:
 
 
 def concept_cards() -> tuple[Floats, Flags, list[str]]:
-    """Twelve cards: features (12, 7), whether each is "red or square" (12,), and their names. ex-concept-learning
+    """Twelve cards, each "red or square" or not.
 
-    Features are 0 or 1: circle, square, triangle, red, blue, small, large.
+    Returns
+    -------
+    features : Floats
+        (12, 7), 0 or 1: circle, square, triangle, red, blue, small, large.
+    labels : Flags
+        (12,), whether "red or square".
+    names : list[str]
+        What they are.
+
+    Notes
+    -----
+    Ledger: ex-concept-learning.
     """
     kinds = [("circle", "square", "triangle"), ("red", "blue"), ("small", "large")]
     cards = list(itertools.product(*kinds))
@@ -105,7 +188,28 @@ def concept_cards() -> tuple[Floats, Flags, list[str]]:
 
 @checked(**rules(count(), "n_users n_items rank"))
 def make_ratings(n_users: int = 200, n_items: int = 50, rank: int = 3, *, rng: Rng) -> Floats:
-    """What users think of items, (n_users, n_items): products of normal vectors of `rank` tastes. ex-netflix"""
+    """What users think of items: products of normal vectors of tastes.
+
+    Parameters
+    ----------
+    n_users : int
+        U.
+    n_items : int
+        I.
+    rank : int
+        Numbers of a vector.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Floats
+        (n_users, n_items).
+
+    Notes
+    -----
+    Ledger: ex-netflix.
+    """
     return rng.normal(size=(n_users, rank)) @ rng.normal(size=(rank, n_items)) / np.sqrt(rank)
 
 
@@ -129,10 +233,40 @@ def _items(name, items, given):
 def factorise(
     ratings: ArrayLike, known: ArrayLike, items: ArrayLike, *, n_sweeps: int = 20, penalty: float = 0.1
 ) -> tuple[Floats, Floats]:
-    """Vectors of users and items whose products fit the known ratings, by alternating least squares. ex-netflix
+    """Vectors of users and items whose products fit the known ratings, by alternating least squares.
 
-    ratings: (U, I). known: (U, I) bool. items: (I, rank), where to start. penalty: on the squared length of the
-    vectors. Returns users (U, rank) and items (I, rank): users @ items.T predicts. Source: Koren et al. (2009).
+    Parameters
+    ----------
+    ratings : ArrayLike
+        (U, I).
+    known : ArrayLike
+        (U, I), bool.
+    items : ArrayLike
+        (I, rank), where to start.
+    n_sweeps : int
+        Sweeps over users and items.
+    penalty : float
+        On the squared length of the vectors.
+
+    Returns
+    -------
+    users : Floats
+        (U, rank).
+    items : Floats
+        (I, rank): users @ items.T predicts.
+
+    Raises
+    ------
+    ValueError
+        Where ratings are too large for the penalty.
+
+    Notes
+    -----
+    Ledger: ex-netflix.
+
+    References
+    ----------
+    Koren et al. (2009).
     """
     known, seen = known.astype(float), np.where(known, ratings, 0.0)
     for _ in range(n_sweeps):
@@ -161,11 +295,33 @@ def _least_squares(vectors, seen, known, penalty):
 def recommend(
     truth: ArrayLike, n_rounds: int, *, epsilon: float, noise: float = 0.3, rng: Rng
 ) -> tuple[Floats, Floats]:
-    """True ratings, means over the users: of what each round shows, and of the best guess after it. ex-netflix
+    """How well a recommender does that learns from what it shows.
 
-    In each round every user is shown one item, the best by prediction or with probability epsilon any, and only that
-    one gets a rating, with normal noise; then all is predicted anew from what was rated. truth: (U, I). Returns two
-    arrays (n_rounds,). The first counts what exploring costs, the second only what is known by then.
+    In each round every user is shown one item, and only that one gets a rating; then all is predicted anew.
+
+    Parameters
+    ----------
+    truth : ArrayLike
+        (U, I), the true ratings.
+    n_rounds : int
+        Rounds.
+    epsilon : float
+        Probability that a user is shown any item, not the best by prediction.
+    noise : float
+        Deviation of a rating, from 0 to 1,000.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    shown : Floats
+        (n_rounds,), mean true rating of what each round shows: it counts what exploring costs.
+    best : Floats
+        (n_rounds,), of the best guess after it: only what is known by then.
+
+    Notes
+    -----
+    Ledger: ex-netflix.
     """
     users, total, seen = np.arange(len(truth)), np.zeros_like(truth), np.zeros_like(truth)
     best, ratings = rng.integers(truth.shape[1], size=len(truth)), []

@@ -50,10 +50,25 @@ def _rows(name, rows, given):
 
 @checked(rows=_rows)
 def scores(rows: Rows) -> Floats:
-    """Score of every run, (11 settings, 7 tasks, n seeds): 0 for the random policy, 1 for the best run of the task.
+    """Score of every run: 0 for the random policy, 1 for the best run of the task.
 
-    rows: as `read` gives them. NaN where a run is missing, or the task's random policy. fig-61
-    Source: Schulman et al. (2017), section 6.1.
+    Parameters
+    ----------
+    rows : Rows
+        As `rlcore.studies.tables.read` gives them.
+
+    Returns
+    -------
+    Floats
+        (11 settings, 7 tasks, n seeds); NaN where a run is missing, or the task's random policy.
+
+    Notes
+    -----
+    Ledger: fig-61.
+
+    References
+    ----------
+    Schulman et al. (2017), section 6.1.
     """
     names, n_seeds = [RANDOM, *SETTINGS], 1 + max((int(row["seed"]) for row in rows), default=0)
     table = np.full((len(names), len(TASKS), n_seeds), np.nan)
@@ -94,9 +109,21 @@ def _of_settings(name, table, given):
 
 @checked(table=_table)
 def average(table: ArrayLike) -> Floats:
-    """Mean score of each setting over seeds, then over the tasks that have a run of every setting, (11,). fig-61
+    """Mean score of each setting over seeds, then over the tasks that have a run of every setting.
 
-    table: (11, 7, n seeds) from `scores`. NaN where no such task is.
+    Parameters
+    ----------
+    table : ArrayLike
+        (11, 7, n seeds), from `scores`.
+
+    Returns
+    -------
+    Floats
+        (11,); NaN where no such task is.
+
+    Notes
+    -----
+    Ledger: fig-61.
     """
     whole = table[:, _whole(table)]
     return np.nanmean(whole, axis=2).mean(axis=1) if whole.size else np.full(len(table), np.nan)
@@ -104,18 +131,40 @@ def average(table: ArrayLike) -> Floats:
 
 @checked(table=_table)
 def by_seed(table: ArrayLike) -> Floats:
-    """Mean score of each setting and seed over the tasks that count, (11, n seeds); NaN where one of its runs lacks."""
+    """Mean score of each setting and seed over the tasks that count.
+
+    Parameters
+    ----------
+    table : ArrayLike
+        (11, 7, n seeds), from `scores`.
+
+    Returns
+    -------
+    Floats
+        (11, n seeds); NaN where one of its runs lacks.
+    """
     whole = table[:, _whole(table)]
     return whole.mean(axis=1) if whole.size else np.full((len(table), table.shape[2]), np.nan)
 
 
 @checked(table=_of_settings)
 def comparison(table: ArrayLike) -> list[Line]:
-    """A Line for each setting: published and our score, lowest and highest seed, number of runs, ranks, 1 for the best.
+    """Published and our score of each setting, side by side.
 
-    NaN where runs lack. In the order of SETTINGS. fig-61, ex-ppo-table
+    Parameters
+    ----------
+    table : ArrayLike
+        (11, 7, n seeds), from `scores`.
 
-    table: (11, 7, n seeds) from `scores`.
+    Returns
+    -------
+    list[Line]
+        In the order of SETTINGS: scores, lowest and highest seed, number of runs, ranks, 1 for the best. NaN where
+        runs lack.
+
+    Notes
+    -----
+    Ledger: fig-61, ex-ppo-table.
     """
     from scipy.stats import rankdata
 
@@ -144,9 +193,33 @@ def _one_order(name, y, given):
 
 @checked(x=_differ, y=_one_order)
 def rank_correlation(x: ArrayLike, y: ArrayLike) -> Floats:
-    """Spearman's rank correlation of the last axes, equal values sharing their mean rank. fig-61
+    """Spearman's rank correlation of the last axes, equal values sharing their mean rank.
 
-    x: (..., n). y: (n,). Returns (...): 1 for the same order, -1 for the reverse. Source: Spearman (1904).
+    Parameters
+    ----------
+    x : ArrayLike
+        (..., n), n at least 2.
+    y : ArrayLike
+        (n,).
+
+    Returns
+    -------
+    Floats
+        (...): 1 for the same order, -1 for the reverse.
+
+    Notes
+    -----
+    Ledger: fig-61.
+
+    References
+    ----------
+    Spearman (1904).
+
+    Examples
+    --------
+    >>> from rlcore.studies.figure61 import rank_correlation
+    >>> float(rank_correlation([1.0, 2.0, 3.0], [10.0, 30.0, 20.0]))
+    0.5
     """
     from scipy.stats import rankdata
 
@@ -157,10 +230,34 @@ def rank_correlation(x: ArrayLike, y: ArrayLike) -> Floats:
 
 @checked(table=_table)
 def bootstrap(table: ArrayLike, n: int, *, rng: Rng) -> Floats:
-    """Averages of n tables drawn from this one, (n, 11): its tasks and, within each, the seeds of a setting, with
-    replacement. fig-61
+    """Averages of tables drawn from this one: its tasks and, within each, the seeds of a setting.
 
-    table: (11, 7, n seeds) from `scores`. Source: Efron and Tibshirani (1993).
+    Parameters
+    ----------
+    table : ArrayLike
+        (11, 7, n seeds), from `scores`.
+    n : int
+        How many.
+    rng : Rng
+        What everything random is drawn from.
+
+    Returns
+    -------
+    Floats
+        (n, 11); drawn with replacement.
+
+    Raises
+    ------
+    ValueError
+        Where no task has a run of every setting.
+
+    Notes
+    -----
+    Ledger: fig-61.
+
+    References
+    ----------
+    Efron and Tibshirani (1993).
     """
     whole = table[:, _whole(table)]
     settings, tasks, seeds = whole.shape

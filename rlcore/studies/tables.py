@@ -21,9 +21,26 @@ def _path(name, path, given):
 
 @checked(path=_path)
 def read(path: File) -> Rows:
-    """Rows of a table of runs, [{column: value}]: numbers as float, None where there is none; [] where no file is.
+    """Rows of a table of runs.
 
-    Lines that begin with # say where the numbers come from. fig-56, fig-61
+    Parameters
+    ----------
+    path : File
+        A CSV file; lines that begin with # say where the numbers come from.
+
+    Returns
+    -------
+    Rows
+        {column: value} each: numbers as float, None where there is none; [] where no file is.
+
+    Raises
+    ------
+    ValueError
+        Where a row is longer than the first.
+
+    Notes
+    -----
+    Ledger: fig-56, fig-61.
     """
     if not path.exists():
         return []
