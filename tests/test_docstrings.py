@@ -32,7 +32,8 @@ BEHIND = {  # public, but for our own modules: one sentence will do
     "traces": "kept visit credit", "trpo": "fit_values", "trust_region": "OldPolicy",
     "core.agents": "action_box make_agent", "core.results": "PlanningRun WatkinsRun",
     "core.running": "Watch interruptible marks watched",
-    "core.schedules": "constant check_schedule at now", "plots.ch02": "draw_tree", "plots.style": "Figure method_of rung",
+    "core.schedules": "constant check_schedule at now", "plots.ch02": "draw_tree",
+    "plots.style": "Figure method_of rung",
 }  # fmt: skip
 CODES = {  # https://numpydoc.readthedocs.io/en/stable/validation.html
     "GL03",  # double blank lines
