@@ -82,6 +82,7 @@ def measure(path):
     for n in range(len(page.sources)):
         own[n], problem = (None, "") if any(own[i] is None for i in page.needs[n]) else page.time(n)
         problems += [f"cell {n + 1}: {problem}"] if problem else []
+        own[n] = own[n] if n in page.shell.made else None  # it ended with an error
     total = {}
     for n in own:
         parts = [own[i] for i in [*page.needs[n], n]]
