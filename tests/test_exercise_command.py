@@ -82,7 +82,7 @@ import numpy as np
 
 CASES = {
     "ch01-backward-returns": [
-        dict(gamma=0.35, rewards=np.array([5.0, -1.0])),
+        dict(gamma=0.3, rewards=np.array([5.0, -1.0])),
         dict(rewards=np.array([1.0, 2.0]), gamma=0.25),
     ],
 }
