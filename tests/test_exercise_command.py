@@ -11,6 +11,7 @@ import pytest
 from rlcore.exercises import CHAPTERS, EXERCISES, own
 from rlcore.exercises.__main__ import _checked, junit, main, results, summary, table
 from rlcore.exercises.notebook import build, write
+from rlcore.exercises.sandbox import pack
 
 ONE = {"ch01_mdp": CHAPTERS["ch01_mdp"]}
 IDS = [id for id in EXERCISES if id.startswith("ch01-")]
@@ -174,11 +175,29 @@ def test_answers_to_own_cases_are_judged_where_the_learner_is_not(
     assert found is None if status is None else (found[0] == status and said in found[1]), found
 
 
+def test_own_cases_are_as_exact_as_those_of_the_page(tmp_path):
+    id = max(EXERCISES, key=lambda id: EXERCISES[id].make_cases()[0].tol if EXERCISES[id].is_function else 0.0)
+    text = f"from rlcore.exercises import EXERCISES\nCASES = {{{id!r}: [EXERCISES[{id!r}].make_cases()[0].given]}}"
+    (tmp_path / "own.py").write_text(text)
+    (case,) = own.read(tmp_path / "own.py")[id]
+    assert case.tol == EXERCISES[id].make_cases()[0].tol > 1e-8
+
+
+@pytest.mark.parametrize("status, n", [("done", 1), ("failed", 2)])
+def test_results_of_own_cases_that_are_not_whole_are_an_error(status, n, own_cases):
+    id, cases = "ch01-backward-returns", own.read(own_cases)
+    results = [(case.expected, None) for case in cases[id]]
+    rows = [dict(own=base64.b64encode(pack(*told, [])).decode()) for told in (("done", results), (status, results[:n]))]
+    assert own.judge(id, cases[id], rows[0]) is None
+    assert own.judge(id, cases[id], rows[1]) == ("error", "the results of the own cases cannot be read")
+
+
 @pytest.mark.parametrize(
     "text, said",
     [
         ("CASES = 1", "binds no CASES"),
         ("CASES = {}", "at least one case"),
+        ("CASES = {'ch01-backward-returns': []}", "at least one case"),
         ("CASES = {'ch01-nothing': []}", "'ch01-nothing', must be the id"),
         ("CASES = {'ch01-predict-pole': [{}]}", "must be the id of an exercise whose answer is a function"),
         ("CASES = {'ch01-backward-returns': [dict(rewards=[1.0])]}", "must be a dict with rewards, gamma"),
