@@ -44,7 +44,7 @@ TESTS = {  # in the order in which they are most likely to notice
     "core.sampling": "test_mdp test_properties test_td_exact",
     "core.rules": "test_td test_bad_input test_mdp test_planning",
     "mpc": "test_planning test_bad_input",
-    "core.checks": "test_bad_input test_mdp test_dp test_bellman test_planning test_td_exact test_nn",
+    "core.checks": "test_bad_input test_models test_mdp test_dp test_bellman test_planning test_td_exact test_nn",
     "core.worlds": "test_td_exact test_td test_traces_exact test_mdp_env test_bad_input",
     "bellman": "test_bellman test_bad_input test_properties",
     "dp": "test_dp test_bad_input test_properties",

@@ -112,7 +112,9 @@ def test_policies_of_single_precision():
     assert policy_evaluation(mdp, pi, 0.9).converged
     assert td0(mdp, pi, 0.9, 2, alpha=0.1, max_steps=5, rng=rng()).policy.dtype == float
     with pytest.raises(ValueError, match="^pi: row 0"):
-        solve_policy(mdp, pi * np.float32(1.001), 0.9)
+        solve_policy(mdp, pi * np.float32(1.00005), 0.9)
+    with pytest.raises(ValueError, match="^pi: row 0"):
+        solve_policy(mdp, exact * (1 + 5e-9), 0.9)
 
 
 def test_a_process_owns_its_arrays():

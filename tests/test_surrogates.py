@@ -90,8 +90,9 @@ def test_policies_of_single_precision_are_what_they_round():
     old, single = sur.old_policy(MDP, PI, 0.9), np.array([PI, NEW], np.float32)
     exact = single / single.sum(axis=-1, keepdims=True, dtype=float)
     assert_allclose(sur.surrogate(old, single), sur.surrogate(old, exact), rtol=1e-14)
-    with pytest.raises(ValueError, match="^pi: has a row"):
-        sur.surrogate(old, single * np.float32(1.001))
+    for beyond in (single * np.float32(1.00005), exact * (1 + 5e-9)):
+        with pytest.raises(ValueError, match="^pi: has a row"):
+            sur.surrogate(old, beyond)
 
 
 def test_the_surrogate_with_the_new_states_is_the_whole_difference():
