@@ -272,7 +272,8 @@ def test_type_has_its_size(volume):
             if at := text.search(line[:16], match_case=True).get_next():
                 first, last = text.get_charbox(at[0], loose=True), text.get_charbox(at[0] + 15, loose=True)
                 widths.append((last[2] - first[0]) / 16)
-    assert len(widths) > 5 and max(widths) == pytest.approx(pdf.CODE[0] * pdf.CODE[1], rel=0.01)
+    # a line may also stand elsewhere, in smaller type; of a file that is shrunk none has its size
+    assert len(widths) > 5 and np.isclose(widths, pdf.CODE[0] * pdf.CODE[1], rtol=0.01).mean() > 0.2
 
 
 # ---------------------------------------------------------------------- EPUB
