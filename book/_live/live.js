@@ -150,7 +150,7 @@ function show(request, { shown, output }) {
     box.className = "output image_png";
     box.append(img);
   } else {
-    box.className = { error: "output traceback live-error", stream: "output stream" }[output.type] ?? "output text_plain";
+    box.className = { error: "output traceback live-error", stream: "output stream" }[output.type] ?? "output text_plain live-words";
     if (output.type === "stream") box.dataset.stream = output.name;
     box.append(Object.assign(document.createElement("pre"), { textContent: output.text ?? data["text/plain"] }));
   }
