@@ -167,7 +167,7 @@ def test_answers_to_own_cases_are_judged_where_the_learner_is_not(
         exec("import numpy as np\n" + program, space)
         program = space["returns"] if "returns" in space else space[EXERCISES[id].name]
     report, cases = tmp_path / "report", own.read(own_cases)
-    monkeypatch.setitem(own.last_answers, id, program)
+    monkeypatch.setattr(own, "last_answers", {id: program})
     monkeypatch.setenv("RLCORE_EXERCISES_REPORT", str(report))
     exec(own.cell({**cases, "ch01-build-ferry": cases[id]}))  # one that was not answered
     (line,) = report.read_text().splitlines()

@@ -82,6 +82,15 @@ def test_the_solution_passes(exercise):
     assert verdict(exercise, exercise.bind(exercise.solution)).status == "passed"
 
 
+def _runs_and_tells(exercise, wrong):
+    """False where what a mistake gives, a few zeros and ones, many others would give."""
+    try:
+        outputs = [got for got, _ in engine._results(exercise, exercise.bind(wrong.source))]
+    except Exception:
+        return True
+    return engine.telling(outputs, exercise.make_cases()[0].tol)
+
+
 @pytest.mark.long
 @each
 def test_every_mistake_gets_its_own_message(exercise, ours):
@@ -89,8 +98,7 @@ def test_every_mistake_gets_its_own_message(exercise, ours):
     assert len(set(messages)) == len(messages) >= 3
     for wrong in exercise.wrong:
         found = verdict(exercise, exercise.bind(wrong.source))
-        outputs = [exercise.bind(wrong.source)] if exercise not in FUNCTIONS else None
-        if outputs is None or engine.telling(outputs, exercise.make_cases()[0].tol):
+        if _runs_and_tells(exercise, wrong):
             assert (found.status, found.message) == ("failed", wrong.message)
 
 

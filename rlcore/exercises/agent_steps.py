@@ -406,6 +406,6 @@ for _ in range(200):
         Wrong({"range(200)": "range(1)"}, "after one episode it knows hardly more than before: run 200"),
     ),
     minutes=8,
-    covers=("alg-watkins", "ex-maze"),
+    covers=("alg-watkins", "fig-28"),
     uses=("agent-maze", *ALL, "agent-episode"),
 )  # fmt: skip
