@@ -196,6 +196,6 @@ def test_the_lock_names_all_that_is_packed():
 
 def test_the_book_without_live_files_says_what_to_do(tmp_path):
     code = "import live, pathlib; live.FETCHED = pathlib.Path('nowhere'); "
-    code += "app = type('App', (), {'config': type('Config', (), {'live': True})}); live.prepare(app)"
+    code += "live.prepare(None, type('Config', (), {'live': 'yes'}))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT / "book" / "_live", capture_output=True, text=True)
     assert "run `make live`" in done.stderr

@@ -29,19 +29,20 @@ def package():
     return out.getvalue()
 
 
-def prepare(app):
-    if not app.config.live:
+def prepare(app, config):
+    """Make the value `live` the hash of all that runs, so that pages are written anew when that changes."""
+    if not config.live:
         return
     if not (FETCHED / "files.json").exists():
         raise ExtensionError("live pages need files that are not there: run `make live`")
     files = {name: (HERE / name).read_bytes() for name in OWN} | {"rlcore.zip": package()}
     files["python/files.json"] = (FETCHED / "files.json").read_bytes()
-    app.live = hashlib.sha256(b"".join(files.values())).hexdigest()[:12], files
+    config.live, app.live = hashlib.sha256(b"".join(files.values())).hexdigest()[:12], files
 
 
 def add_buttons(app, pagename, templatename, context, doctree):
     if app.config.live and LIVE.match(pagename):
-        folder = f"live/{app.live[0]}"
+        folder = f"live/{app.config.live}"
         app.add_css_file(f"../{folder}/live.css")
         app.add_js_file(f"../{folder}/hook.js", loading_method="defer", **slow(pagename, doctree))
 
@@ -64,17 +65,16 @@ def place(app, error):
     if error or not app.config.live:
         (Path(app.outdir) / "live-shelf.js").unlink(missing_ok=True)
         return
-    version, files = app.live
-    folder = Path(app.outdir) / "live" / version
+    folder = Path(app.outdir) / "live" / app.config.live
     shutil.copytree(FETCHED, folder / "python")
-    for name, data in files.items():
+    for name, data in app.live.items():
         (folder / name).write_bytes(data)
     shutil.copy(HERE / "shelf.js", Path(app.outdir) / "live-shelf.js")
 
 
 def setup(app):
-    app.add_config_value("live", os.environ.get("LIVE") == "1", "html")
-    app.connect("builder-inited", prepare)
+    app.add_config_value("live", "yes" if os.environ.get("LIVE") == "1" else "", "html")
+    app.connect("config-inited", prepare)
     app.connect("html-page-context", add_buttons)
     app.connect("build-finished", place)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
