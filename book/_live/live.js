@@ -95,7 +95,7 @@ async function run(n) {
     const seconds = ((performance.now() - start) / 1000).toFixed(1);
     one.status.textContent = `${result.well ? "Done" : result.shown ? "Ended with an error" : "A cell that this one builds on ended with an error"} in ${seconds} s`;
     one.status.title = `Python holds ${Math.round(result.heap / 1e6)} MB`;
-    if (ids[n] && result.well) passed(n, one.output.lastChild?.textContent.startsWith("passed"));
+    if (ids[n]) passed(n, result.well && one.output.lastChild?.textContent.startsWith("passed"));
   } catch (error) {
     one.status.textContent = error.message;
   }
@@ -103,13 +103,15 @@ async function run(n) {
   one.stops.hidden = true;
 }
 
-async function ask(one, sources, targets) {
-  asked = { id: next++, one, fresh: true };
-  await shelf();
-  worker ??= hire();
+function ask(one, sources, targets) {
+  const id = next++, unchanged = sources.every((source, i) => source === stored[i]);
   return new Promise((resolve, reject) => {
-    Object.assign(asked, { resolve, reject });
-    worker.postMessage({ id: asked.id, sources, targets });
+    asked = { id, one, unchanged, fresh: true, resolve, reject };
+    shelf().then(() => {
+      if (asked?.id !== id) return; // stopped meanwhile
+      worker ??= hire();
+      worker.postMessage({ id, sources, targets });
+    });
   }).finally(() => { asked = undefined; });
 }
 
@@ -130,7 +132,7 @@ function hire() {
 function stop(words = "Stopped. What earlier cells made is made again at the next run.") {
   worker?.terminate();
   worker = undefined;
-  asked?.reject?.(new Error(words));
+  asked?.reject(new Error(words));
 }
 
 function show(request, { shown, output }) {
@@ -145,7 +147,7 @@ function show(request, { shown, output }) {
     box.className = "output text_html";
     box.innerHTML = data["text/html"];
   } else if (picture) {
-    const img = Object.assign(new Image(), { src: picture, alt: request.one.alt ? `Drawn anew: ${request.one.alt}` : "The figure that this cell drew" });
+    const img = Object.assign(new Image(), { src: picture, alt: request.one.alt && request.unchanged ? `Drawn anew: ${request.one.alt}` : "The figure that this cell drew" });
     img.onload = () => { img.style.width = img.naturalWidth / 2 + "px"; };
     box.className = "output image_png";
     box.append(img);

@@ -165,7 +165,8 @@ def test_a_changed_cell_shows_its_own_numbers_and_figures(chapter):
     chapter.press(n, "Run")
     assert "14" in chapter.text(n)
     image = chapter.cell(n).query_selector(".cell_output img")
-    assert image.get_attribute("alt") and image.evaluate("i => i.decode().then(() => i.naturalWidth)") > 300
+    assert image.get_attribute("alt") == "The figure that this cell drew"  # not what the unchanged one showed
+    assert image.evaluate("i => i.decode().then(() => i.naturalWidth)") > 300
     chapter.write(n, "def f(x):\n    return 1 / x\nf(0)")
     assert chapter.press(n, "Run").startswith("Ended with an error")
     assert "line 2, in f" in chapter.text(n) and "ZeroDivisionError" in chapter.text(n)
@@ -270,6 +271,9 @@ def test_what_was_written_is_kept_in_this_browser(new):
     n = one.find("chances = ...")
     one.answer(n, "chances = 0.925, 0.025, 1 - 0.975 ** 10")
     assert one.tab.query_selector(".live-kept").inner_text().startswith("1 of ")
+    one.answer(n, "chances = 1 / 0")
+    assert one.tab.query_selector(".live-kept").inner_text().startswith("0 of ")  # an error is no pass
+    one.answer(n, "chances = 0.925, 0.025, 1 - 0.975 ** 10")
     one.open()
     one.tab.wait_for_selector(".live-kept")
     assert "0.975" in one.cell(n).query_selector(".cm-content").inner_text()
