@@ -20,7 +20,7 @@ FAILED = re.compile(r"^(?:FAILED|ERROR) .*|^(?:[A-Z]\d+ .*|Would reformat: .*|.*
 
 
 def pytest(*arguments):
-    return [str(BIN / "pytest"), "-n", "2", "-rs", *arguments]
+    return [str(BIN / "pytest"), "-n", "2", "-rsfE", *arguments]
 
 
 def nbval(names):
