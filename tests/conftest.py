@@ -24,6 +24,28 @@ def absent(reason):
     pytest.skip(reason)
 
 
+def environment():
+    ours = {"PYTEST_CURRENT_TEST", "PYGAME_HIDE_SUPPORT_PROMPT"}  # set by pytest, and by gymnasium when it is imported
+    return {name: value for name, value in os.environ.items() if name not in ours}
+
+
+def pytest_configure(config):
+    config.rl_environment = environment()
+
+
+def pytest_collection_finish(session):
+    """A variable that stays set would reach every kernel and every process that a later test starts."""
+    if changed := set(environment().items()) ^ set(session.config.rl_environment.items()):
+        raise pytest.UsageError(f"importing the tests changes the environment: {sorted(changed)}")
+
+
+@pytest.fixture(autouse=True)
+def environment_is_left():
+    before = environment()
+    yield
+    assert environment() == before
+
+
 @pytest.fixture(scope="session")
 def built():
     """Folder of the built book."""

@@ -21,8 +21,8 @@ HERE = (lambda: 0).__code__.co_filename
 PRINTED = 200_000  # characters of one cell that are shown
 SHOWN = ("_repr_html_", "text/html"), ("_repr_svg_", "image/svg+xml"), ("_repr_png_", "image/png")
 
-os.environ["MPLBACKEND"] = "agg"
 if sys.platform == "emscripten":  # gymnasium imports multiprocessing, which has no C half here
+    os.environ["MPLBACKEND"] = "agg"
     stub = types.ModuleType("_multiprocessing")
     stub.SemLock, stub.sem_unlink, stub.flags = type("SemLock", (), {"SEM_VALUE_MAX": 1}), None, {}
     sys.modules.setdefault("_multiprocessing", stub)
