@@ -10,7 +10,7 @@ from rlcore.core.rules import checked
 from rlcore.core.running import Watch, watched
 from rlcore.core.schedules import at
 from rlcore.core.types import ArrayLike, Network, OnEpisode, Rate, Rng, World
-from rlcore.core.worlds import MOST_STEPS, Guard, act, reset
+from rlcore.core.worlds import MOST_STEPS, Guard, act, reset, say_cut
 from rlcore.distributions import Categorical
 from rlcore.policies import LINEAR, add_score, choose, dot, gradient, probabilities
 from rlcore.reinforce import NETWORKS, make_networks
@@ -172,4 +172,5 @@ def actor_critic_network(
             lengths.append(n)
             if watch.ended(returns, lengths, on_episode):
                 break
+    say_cut(lengths, most, 4)
     return watch.left(Run(np.array(returns, float), np.array(lengths), V=critic, policy=net))

@@ -20,7 +20,7 @@ from rlcore.core.results import Run, Solution
 from rlcore.core.rules import anything, array, check_positive, checked, count, takes_none
 from rlcore.core.sampling import cumulative, draw
 from rlcore.core.types import ArrayLike, Floats, Given, Ints, Rng, World
-from rlcore.core.worlds import MOST_STEPS, Guard, act, open_world, reset
+from rlcore.core.worlds import MOST_STEPS, Guard, act, open_world, reset, say_cut
 from rlcore.distributions import Categorical
 
 LEVEL = 0.95  # of all intervals
@@ -209,6 +209,7 @@ def evaluate(
         returns, lengths = _play(world, pi, n_episodes, max_steps=max_steps, rng=rng)
     else:
         returns, lengths = _played(world, agent, n_episodes, max_steps, likeliest, rng)
+    say_cut(lengths, max_steps, 4)
     mean, interval = float(returns.mean()), _mean_interval(returns)
     drawn = interquartile_mean(returns[rng.integers(returns.size, size=(DRAWS, returns.size))])
     low, high = np.quantile(drawn, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])

@@ -14,7 +14,7 @@ from rlcore.core.rules import checked, takes_none
 from rlcore.core.running import Watch, watched
 from rlcore.core.schedules import at
 from rlcore.core.types import ArrayLike, Floats, Given, Network, OnEpisode, Rate, Rng, Rule, World
-from rlcore.core.worlds import MOST_STEPS, Guard, open_world, total
+from rlcore.core.worlds import MOST_STEPS, Guard, open_world, say_cut, total
 from rlcore.distributions import Categorical
 from rlcore.mdp import discounted_returns
 from rlcore.nn import MLP, check_network
@@ -258,7 +258,8 @@ def reinforce_network(
     net, critic = make_networks(world, net, critic if baseline == "value" else False, alpha, alpha_w, rng)
     returns, lengths, earlier = [], [], TimeBaseline()
     guard, watch = Guard(world, seed=int(rng.spawn(1)[0].integers(2**31))), Watch(n_episodes)
-    play = _player(guard, net, max_steps or MOST_STEPS, watch.marks, rng)
+    most = max_steps or MOST_STEPS
+    play = _player(guard, net, most, watch.marks, rng)
     with watched(watch):
         for _ in range(n_episodes):
             states, actions, rewards, terminated = play()
@@ -285,6 +286,7 @@ def reinforce_network(
             net.step(net.backward(-g))  # eq-u-alg2-update
             if watch.ended(returns, lengths, on_episode):
                 break
+    say_cut(lengths, most, 4)
     return watch.left(Run(np.array(returns), np.array(lengths), V=critic, policy=net))
 
 

@@ -37,7 +37,8 @@ MOST = 100_000  # backups a state at gamma = 1, where nothing contracts
 def solve(mdp: FiniteMDP, gamma: float, tol: float = 1e-6) -> Solution:
     """Optimal values and policy with a certified error: max |V - v_*| <= bound.
 
-    gamma = 1: a bound needs a cost on every step (see `error_bound`); without one, bound is inf and converged False.
+    gamma = 1: a bound exists where every policy that never ends is worth minus infinity (see `error_bound`). Where there
+    is none, bound is inf, and converged says that V solves the optimality equations up to rounding.
 
     Parameters
     ----------
@@ -87,7 +88,8 @@ def solve(mdp: FiniteMDP, gamma: float, tol: float = 1e-6) -> Solution:
         V, Q, pi, bound, n_iter = _solve_dense(mdp, gamma, tol)
     else:
         V, Q, pi, bound, n_iter = _solve_sparse(*_arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, gamma, tol, marks())
-    return Solution(V, Q, pi, n_iter, bool(bound <= tol), bound, None)
+    solved = bound <= tol or (gamma == 1 and bound == np.inf and not marks()[0])
+    return Solution(V, Q, pi, n_iter, bool(solved), bound, None)
 
 
 def _arrays(mdp):

@@ -17,15 +17,16 @@ from test_learners import LEARNERS, play
 from worlds import awkward
 
 import rlcore.core.running as running
-from rlcore.actor_critic import actor_critic
+from rlcore.actor_critic import actor_critic, actor_critic_network
 from rlcore.core.compiled import HAVE_NUMBA
 from rlcore.core.running import Interrupted, Watch
 from rlcore.core.worlds import MOST_STEPS
 from rlcore.dp import policy_evaluation, policy_iteration, value_iteration
 from rlcore.envs import MDPEnv, cliff_walking, gridworld, random_mdp, random_walk, recycling_robot
+from rlcore.judging import evaluate
 from rlcore.mdp import FiniteMDP, sample_returns
 from rlcore.planning import dyna_q
-from rlcore.reinforce import reinforce
+from rlcore.reinforce import reinforce, reinforce_network
 from rlcore.solver import solve
 from rlcore.td import q_learning, td0
 from rlcore.traces import sarsa_lambda
@@ -43,7 +44,10 @@ def rng(seed=0):
 
 def test_an_episode_that_nothing_ends_is_cut():
     """Greedy play stays where staying costs nothing."""
-    run = q_learning(STAY, 1.0, 3, alpha=0.5, epsilon=0.0, Q0=[[0.0, -1.0], [0.0, 0.0]], rng=rng())
+    said = r"^max_steps: got None, and 3 of 3 episodes did not end in 1,000,000 steps: cut there$"
+    with pytest.warns(RuntimeWarning, match=said) as found:
+        run = q_learning(STAY, 1.0, 3, alpha=0.5, epsilon=0.0, Q0=[[0.0, -1.0], [0.0, 0.0]], rng=rng())
+    assert found[0].filename == __file__
     assert run.lengths.tolist() == [MOST_STEPS] * 3
     with pytest.raises(ValueError, match="^max_steps: got None, must be a number"):
         dyna_q(recycling_robot(), 0.9, 2, n_planning=1, alpha=0.1, epsilon=0.1, rng=rng())
@@ -63,10 +67,37 @@ class Endless(gym.Env):
         return 0, 1.0, False, False, {}
 
 
-def test_an_environment_that_nothing_ends_is_cut(monkeypatch):
-    monkeypatch.setattr("rlcore.core.worlds.MOST_STEPS", 1000)
-    run = q_learning(Endless(), 0.9, 2, alpha=0.5, epsilon=0.1, rng=rng())
-    assert run.lengths.tolist() == [1000, 1000]
+class Line(Endless):
+    """The same, seen as a number."""
+
+    observation_space = gym.spaces.Box(-1.0, 1.0, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(1, np.float32), 1.0, False, False, {}
+
+
+@pytest.mark.parametrize(
+    "play",
+    [
+        lambda **options: q_learning(Endless(), 0.9, 2, alpha=0.5, epsilon=0.1, **options),
+        lambda **options: actor_critic_network(Line(), 0.9, 2, **options),
+        lambda **options: reinforce_network(Line(), 0.9, 2, **options),
+        lambda **options: evaluate(lambda s: 0, Line(), 2, **options),
+    ],
+    ids=["table", "actor-critic", "reinforce", "evaluate"],
+)
+def test_an_environment_that_nothing_ends_is_cut(play, monkeypatch):
+    for module in ("core.worlds", "actor_critic", "reinforce", "judging"):
+        monkeypatch.setattr(f"rlcore.{module}.MOST_STEPS", 1000)
+    with pytest.warns(RuntimeWarning, match="^max_steps: got None, and 2 of 2 episodes did not end") as found:
+        run = play(rng=rng())
+    assert run.lengths.tolist() == [1000, 1000] and found[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert play(max_steps=7, rng=rng()).lengths.tolist() == [7, 7]
 
 
 # ---------------------------------------------------------------------- estimates that are lost

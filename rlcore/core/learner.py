@@ -19,7 +19,7 @@ from rlcore.core.running import ENOUGH, LOST, STOPPED, Interrupted, Watch, watch
 from rlcore.core.sampling import cumulative
 from rlcore.core.schedules import check_schedule
 from rlcore.core.types import F, Floats, Given, Ints, OnEpisode, Rng, Rule, World
-from rlcore.core.worlds import Guard, lent, step_limit, tabular_world
+from rlcore.core.worlds import Guard, lent, say_cut, step_limit, tabular_world
 
 LEARNERS = dict(
     world=tabular_world, alpha=check_schedule, epsilon=check_schedule, max_steps=step_limit, record=count(0)
@@ -57,6 +57,8 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
             made = result(given, *found)
             if first is not None and (grown := _grown(given, made, first, reward)):
                 warnings.warn(grown, RuntimeWarning, stacklevel=2)
+            if isinstance(made, Run) and "max_steps" in given:
+                say_cut(made.lengths, given["max_steps"])
             made = shorter(made, given, interrupted=why == STOPPED) if why and isinstance(made, Run) else made
             if why == STOPPED:
                 raise Interrupted(made)

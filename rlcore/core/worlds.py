@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
@@ -250,6 +251,13 @@ def tabular_world(name: str, world: Any, given: Given) -> Any:
     world = open_world(name, world)
     spaces(world)
     return world
+
+
+def say_cut(lengths: Ints | list[int], most: int, level: int = 3) -> None:
+    """A RuntimeWarning where nobody gave a max_steps and an episode did not end by itself."""
+    if most == MOST_STEPS and (cut := np.count_nonzero(np.asarray(lengths) == most)):
+        message = f"max_steps: got None, and {cut} of {len(lengths)} episodes did not end in {most:,} steps: cut there"
+        warnings.warn(message, RuntimeWarning, stacklevel=level)
 
 
 @takes_none
