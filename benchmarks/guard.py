@@ -22,7 +22,7 @@ from rlcore.core.learner import interpreted, log
 from rlcore.core.schedules import constant
 from rlcore.policies import epsilon_greedy, max_value
 
-TASKS = {"CliffWalking-v1": 40, "FrozenLake-v1": 300, "FrozenLake8x8-v1": 60, "Taxi-v4": 8}  # episodes a turn
+TASKS = {"CliffWalking-v1": 120, "FrozenLake-v1": 900, "FrozenLake8x8-v1": 180, "Taxi-v4": 24}  # episodes a turn
 GAMMA, ALPHA, EPSILON, MAX_STEPS = 0.99, 0.5, 0.1, 200
 
 
@@ -100,7 +100,7 @@ def measure(task, n_episodes, rounds):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=200)
+    parser.add_argument("--rounds", type=int, default=70)
     rounds = parser.parse_args().rounds
     print(
         f"{'us a step':18}" + "".join(f"{way.__name__:>9}" for way in WAYS),

@@ -148,8 +148,8 @@ def note(world: Any, history: Floats, table: Floats, k: int, record: int) -> boo
     if k % 64 == 63:
         flat = table.reshape(-1)
         first = k // 64 * 256 % flat.size
-        for x in flat[first : first + 256]:
-            if not x < np.inf:
+        for i in range(first, min(first + 256, flat.size)):
+            if not flat[i] < np.inf:
                 world.marks[0] = LOST
     return world.marks[0] != 0
 

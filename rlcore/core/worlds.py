@@ -114,10 +114,10 @@ class Guard:
         largest: the size of the largest reward.
         """
         step, first, n = self._step, self._first_action, 0 if self._first else self._n
-        most = 0.0
+        least, most, low, high = 0.0, 0.0, 0, 0  # of rewards so far; in whole numbers, which compare quickly
 
         def act(world, s, a, rng):
-            nonlocal most
+            nonlocal least, most, low, high
             if a < 0:
                 watch.stop(LOST)
                 return s, 0.0, False, True
@@ -128,13 +128,16 @@ class Guard:
                 self._pass_on(error)
             if type(answer) is tuple and len(answer) == 5:
                 s_next, r, terminated, truncated, _ = answer
+                if type(r) is int and low <= r <= high:
+                    r = float(r)
                 if (
-                    type(s_next) is int and 0 <= s_next < n and (type(r) is float or type(r) is int)
-                    and -most <= r <= most and type(terminated) is bool and type(truncated) is bool
+                    type(s_next) is int and 0 <= s_next < n and type(r) is float and least <= r <= most
+                    and (terminated is False or terminated is True) and (truncated is False or truncated is True)
                 ):  # fmt: skip
-                    return s_next, float(r), terminated, truncated or watch.asked
+                    return s_next, r, terminated, truncated or watch.asked
             s_next, r, terminated, truncated = self._look(answer)
             most = self.largest = max(most, abs(r))
+            least, low, high = -most, -int(most), int(most)
             return s_next, r, terminated, truncated or watch.asked
 
         return act
