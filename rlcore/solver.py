@@ -37,8 +37,8 @@ MOST = 100_000  # backups a state at gamma = 1, where nothing contracts
 def solve(mdp: FiniteMDP, gamma: float, tol: float = 1e-6) -> Solution:
     """Optimal values and policy with a certified error: max |V - v_*| <= bound.
 
-    gamma = 1: a bound exists where every policy that never ends is worth minus infinity (see `error_bound`). Where there
-    is none, bound is inf, and converged says that V solves the optimality equations up to rounding.
+    gamma = 1: a bound exists where every policy that never ends is worth minus infinity (see `error_bound`). Elsewhere
+    bound is inf, and converged says that V solves the optimality equations up to rounding.
 
     Parameters
     ----------
