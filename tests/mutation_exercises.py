@@ -27,7 +27,7 @@ from rlcore.exercises.sandbox import plain
 
 NAMED = Path(__file__).parent / "mutation_exercises_named.txt"
 ALLOWED = Path(__file__).parent / "mutation_exercises_allowed.txt"
-SECONDS = 2.0  # for all cases of an exercise
+SECONDS = 2.0  # of computing, for all cases of an exercise
 SWAPS = {
     "s": "s_next",
     "s_next": "s",
@@ -79,8 +79,8 @@ def mutants(exercise):
 
 def passes(exercise, cases, program):
     """Whether the answer that the program binds passes all cases."""
-    signal.signal(signal.SIGALRM, _stop)
-    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    signal.signal(signal.SIGPROF, _stop)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
         answer = exercise.bind(program)
         for case in cases:
@@ -92,7 +92,7 @@ def passes(exercise, cases, program):
     except (Exception, TooSlow):
         return False
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
 
 
 def allowed():
@@ -115,15 +115,15 @@ def survivors(exercise):
 
 def results_of(exercise, cases, program):
     """What the answer that the program binds gives, as the checker has it; None where it raises or takes too long."""
-    signal.signal(signal.SIGALRM, _stop)
-    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    signal.signal(signal.SIGPROF, _stop)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
         answer = exercise.bind(program)
         return [engine.call(answer, c.given) for c in cases] if exercise.is_function else [(plain(answer), None)]
     except (Exception, TooSlow):
         return None
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
 
 
 def named(exercise):
