@@ -150,3 +150,18 @@ def test_a_record_holds_what_the_chapter_leaves_out(path):
 @pytest.mark.parametrize("path", RECORDS, ids=name)
 def test_a_record_repeats_no_number_of_an_equation(path):
     assert not re.search(r"\$\$ *\(eq-", prose(path))
+
+
+SCREEN = re.compile(r'<span class="on-screen">(.*?)</span>', re.S)
+HANDS = re.compile(
+    r"(?:[.;:*>] |^)(?:Choose|Move|Drag|Press|Click)\b(?! \$A)|[;:] (?:choose|move|drag|press|click) the\b", re.M
+)
+
+
+def test_what_asks_for_a_screen_is_marked():
+    """On paper nothing can be chosen or moved; the pattern finds at least half of what is marked."""
+    pages = [*BOOK.glob("0*.ipynb"), *(BOOK / "record").glob("0*.ipynb"), BOOK / "index.ipynb"]
+    texts = [prose(path) for path in pages]
+    assert [found for text in texts for found in HANDS.findall(SCREEN.sub("", text))] == []
+    marked = [part.strip() for text in texts for part in SCREEN.findall(text)]
+    assert sum(bool(HANDS.search(part)) for part in marked) > len(marked) / 2
