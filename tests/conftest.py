@@ -25,8 +25,9 @@ def absent(reason):
 
 
 def environment():
-    ours = {"PYTEST_CURRENT_TEST", "PYGAME_HIDE_SUPPORT_PROMPT"}  # set by pytest, and by gymnasium when it is imported
-    return {name: value for name, value in os.environ.items() if name not in ours}
+    """Without what pytest sets, and the libraries that are loaded on the way."""
+    others = ("PYTEST_CURRENT_TEST", "PYGAME_", "KMP_", "TORCHINDUCTOR_")
+    return {name: value for name, value in os.environ.items() if not name.startswith(others)}
 
 
 def pytest_configure(config):

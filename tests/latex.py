@@ -26,7 +26,7 @@ TOKEN = re.compile(r"\\[a-zA-Z]+'*|[a-zA-Z]'*|\d+\.\d+|\d+|\\[{}]|\S")
 RELATIONS = ("=", "<", ">", r"\le", r"\ge", r"\approx")
 ENDS = (None, *RELATIONS, "+", "-", "/", ")", "]", "}", "|", ",", r"\}", r"\rVert", r"\rvert")
 WORDS = (
-    "ell|kappa|muold|[AqvPr]old|omega|pi|theta|tau|sigma|mu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min"
+    "ell|kappa|muold|[AqvPr]old|omega|pi|theta|tau|sigma|mu|nu|delta|eta|output|activation|high|low|Delta|KL|ones|S|min"
     "|clip|UP"
 )
 NAMES = rf"\\(?:{WORDS}|bar[a-zA-Z]|piold|thetaold|dtarg|Vtarg|L[A-Z]+)'*|[a-zA-Z]'*"

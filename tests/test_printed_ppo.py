@@ -269,10 +269,10 @@ def cases(name):
         before = exact()[1]
         after = sur.penalised_step(before, BETA)
         for state in range(4):
-            mu = BETA * before.pi[state, 0] / after[state, 0] + before.A[state, 0]
+            nu = BETA * before.pi[state, 0] / after[state, 0] + before.A[state, 0]
             tables = {("piold", "", 1): before.pi[state], ("A", "", 1): before.A[state], ("pi", "", 1): after[state]}
             for action in (1, 2):
-                yield Scope({}, tables, greek={r"\beta": BETA}), {"a": action, "mu": mu}, after[state, action]
+                yield Scope({}, tables, greek={r"\beta": BETA}), {"a": action, "nu": nu}, after[state, action]
     elif name == "KL":
         p, q = rng(9).dirichlet(np.ones(5), size=2)
         scope = Scope({"a": range(5)}, {("p", "", 1): p, ("q", "", 1): q, ("KL", "", 2): kl})

@@ -361,23 +361,18 @@ def _too_long(seconds):
 
 def _in_thread(function, seconds):
     outcome, file = [], io.BytesIO()
-
-    def work():
-        out = _Printed(file)
-        with redirect_stdout(out), redirect_stderr(out):
-            outcome.append(pack(*_attempt(function), []))
-
-    thread = threading.Thread(target=work, daemon=True)
-    computed, clock = time.process_time(), time.monotonic()
-    thread.start()
-    while thread.is_alive():
-        thread.join(0.05)
-        if time.process_time() - computed < seconds and time.monotonic() - clock < PATIENCE * seconds:
-            continue
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(TimeIsUp))
-        thread.join(1.0)
-        reason = _too_slow(seconds) if time.process_time() - computed >= seconds else _too_long(PATIENCE * seconds)
-        return "crash", reason, _printed(file), []
+    thread = threading.Thread(target=lambda: outcome.append(pack(*_attempt(function), [])), daemon=True)
+    computed, clock, out = time.process_time(), time.monotonic(), _Printed(file)
+    with redirect_stdout(out), redirect_stderr(out):  # for all threads, and no longer than it is waited for
+        thread.start()
+        while thread.is_alive():
+            thread.join(0.05)
+            if time.process_time() - computed < seconds and time.monotonic() - clock < PATIENCE * seconds:
+                continue
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(TimeIsUp))
+            thread.join(1.0)
+            slow = time.process_time() - computed >= seconds
+            return "crash", _too_slow(seconds) if slow else _too_long(PATIENCE * seconds), _printed(file), []
     status, value, _ = unpack(outcome[0])
     return status, value, _printed(file), []
 
