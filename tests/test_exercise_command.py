@@ -98,6 +98,12 @@ def returns(rewards, gamma):
 """
 
 
+IMPATIENT = """
+from rlcore.exercises import EXERCISES
+object.__setattr__(EXERCISES["ch01-backward-returns"], "seconds", 1.0)
+"""
+
+
 @pytest.fixture
 def own_cases(tmp_path):
     (tmp_path / "mine").mkdir()
@@ -127,7 +133,7 @@ def test_own_cases_are_added_and_stay_away_from_the_learner(tmp_path, own_cases,
     loops = answered(
         tmp_path / "01_mdp.ipynb",
         id,
-        KNOWS_THE_PAGE.replace("    return G", "    while gamma == 0.25: pass\n    return G"),
+        IMPATIENT + KNOWS_THE_PAGE.replace("    return G", "    while gamma == 0.25: pass\n    return G"),
     )
     found = {row[1]: row for row in results(loops, cases=own.read(own_cases))}
     assert found[id][2] == "error" and "on an own case: stopped" in found[id][3]
