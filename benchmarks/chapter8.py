@@ -1,6 +1,6 @@
 """The slow experiments of chapter 8: PPO on cart-pole and in a maze, actions cut to their range, a step that falls.
 
-    python benchmarks/chapter8.py          what is not done yet, to book/data/chapter8_*.csv: an hour and a half of a core
+    python benchmarks/chapter8.py          what is not done yet, to book/data/chapter8_*.csv: an hour of a core
     python benchmarks/chapter8.py table    what the tables hold
 
 Runs are kept in _build/chapter8/, one file each: stop when you like, the same command goes on. `chapter8_runs.csv` has

@@ -3,7 +3,6 @@
 python tests/live.py [NOTEBOOK ...]     plain Python, as in a browser; about an hour; writes book/_live/seconds.json
 """
 
-import hashlib
 import json
 import os
 import random
@@ -72,10 +71,6 @@ class Page:
         return [problem for i in self.shell.plan(self.sources, n) if (problem := self.run(i))]
 
 
-def digest(source):
-    return hashlib.sha256(source.strip().encode()).hexdigest()[:12]
-
-
 def measure(path):
     """Seconds in a browser of each cell with what it builds on, None where it is too long; and what is wrong."""
     page, own, problems = Page(path), {}, []
@@ -98,6 +93,8 @@ def shuffle(path, quick, seed=0):
 
 
 def main(paths):
+    from live import digest
+
     failed = False
     for path in sorted(paths):
         sources, total, problems = measure(path)

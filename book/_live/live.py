@@ -48,6 +48,11 @@ def add_buttons(app, pagename, templatename, context, doctree):
         app.add_js_file(f"../{folder}/hook.js", loading_method="defer", **slow(pagename, doctree))
 
 
+def digest(source):
+    """By what the seconds of a cell are known."""
+    return hashlib.sha256(source.strip().encode()).hexdigest()[:12]
+
+
 def slow(pagename, doctree):
     """The seconds of the cells that take long in a browser, 0 for one that takes too long to be offered."""
     measured = json.loads((HERE / "seconds.json").read_text(encoding="utf-8"))
@@ -56,7 +61,7 @@ def slow(pagename, doctree):
         if doctree
         else []
     )
-    known = {n: measured.get(hashlib.sha256(text.strip().encode()).hexdigest()[:12]) for n, text in enumerate(cells)}
+    known = {n: measured.get(digest(text)) for n, text in enumerate(cells)}
     words = ",".join(f"{n}:{seconds}" for n, seconds in known.items() if seconds is not None)
     return {"data-slow": words} if words else {}
 
