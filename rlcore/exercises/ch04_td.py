@@ -173,8 +173,8 @@ Exercise(
     section="TD(0)",
     title="One step of TD(0)",
     statement=r"""
-        Write the update of TD(0) after one transition ({eq}`eq-19`; where the document prints it, a parenthesis is misplaced: the
-        discount belongs to $V(S_{t+1})$ alone). If the transition `terminated` the episode, nothing follows: whatever the table holds
+        Write the update of TD(0) after one transition ({eq}`eq-19`; the discount belongs to
+        $V(S_{t+1})$ alone). If the transition `terminated` the episode, nothing follows: whatever the table holds
         for `s_next`, it does not count. Return a new table `(S,)`.
     """,
     stub="""

@@ -98,7 +98,7 @@ Exercise(
     statement=r"""
         $\gamma \lambda = 0.8$ and $\alpha = 0.25$. A state is visited at times 0, 1 and 2, and not again. Write down its accumulating, its
         dutch and its replacing trace at times 0 to 4. Mind that a dutch trace is shrunk by $1 - \alpha$ where the state is visited,
-        and only there; the document prints the factor for all states. Bind the tuple of three arrays of five numbers to `courses`.
+        and only there. Bind the tuple of three arrays of five numbers to `courses`.
     """,
     stub="courses = ...",
     cases=lambda rng: [Case({}, _courses())],
@@ -148,7 +148,7 @@ Exercise(
     section="n-step returns",
     title="n steps, or to the end",
     statement=r"""
-        Write the $n$-step return of time `t` ({eq}`eq-25`; its horizon is $h = t + n$, where the document prints $t + 1$). The episode
+        Write the $n$-step return of time `t` ({eq}`eq-25`; its horizon is $h = t + n$). The episode
         terminated: `rewards` holds $R_1, \dots, R_T$, `values` holds $V(S_0), \dots, V(S_{T-1})$. Where the horizon reaches or
         passes the end, $n \ge T - t$, the result is the complete return. Return a number.
     """,
