@@ -273,7 +273,7 @@ def test_a_figure_shown_by_hand_is_not_shown_again_at_the_end_of_the_cell():
 def test_notebook_shows_a_figure_once(last):
     cells = ["from rlcore import plots; plots.use_style(); figure = lambda: plots.new_figure()[0]", last]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
-    NotebookClient(notebook, timeout=120, iopub_timeout=120, kernel_name="python3").execute()
+    NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
     (output,) = notebook.cells[1].outputs
     assert output.data["text/plain"] == "<Figure size 600x360 with 1 Axes>" and output.data["image/png"]
 

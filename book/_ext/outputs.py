@@ -36,8 +36,7 @@ def run(path):
     notebook = nbformat.read(path, as_version=4)
     start = time.perf_counter()
     where = {"metadata": {"path": path.parent}}
-    options = {"timeout": 600, "iopub_timeout": 600, "coalesce_streams": True, "resources": where}
-    NotebookClient(notebook, kernel_name="python3", **options).execute()
+    NotebookClient(notebook, timeout=600, kernel_name="python3", coalesce_streams=True, resources=where).execute()
     seconds = time.perf_counter() - start
     nbformat.write(settle(notebook), path)
     return round(seconds)
