@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rlcore.actor_critic import actor_critic, actor_critic_network
+from rlcore.core.checks import show
 from rlcore.core.worlds import Guard
 from rlcore.envs import MDPEnv, random_walk
 from rlcore.judging import evaluate
@@ -82,6 +83,7 @@ BAD = {
     "reward infinite": (dict(r=-np.inf), "reward -inf in episode 2, step 2, must be a finite number"),
     "reward None": (dict(r=None), "reward None in episode 2, step 2, must be a number"),
     "reward text": (dict(r="1"), "reward '1' in episode 2, step 2, must be a number"),
+    "reward no float can hold": (dict(r=10**400), f"reward {show(10**400)} in episode 2, step 2, must be a number"),
     "two rewards": (dict(r=np.ones(2)), "reward array([1., 1.]) in episode 2, step 2, must be a number"),
     "terminated text": (dict(terminated="no"), "terminated 'no' in episode 2, step 2, must be True or False"),
     "truncated None": (dict(truncated=None), "truncated None in episode 2, step 2, must be True or False"),

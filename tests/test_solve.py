@@ -16,6 +16,7 @@ import rlcore.solver as quick
 from rlcore.bellman import greedy_actions, q_from_v, solve_policy
 from rlcore.dp import policy_iteration, value_iteration
 from rlcore.envs import gridworld, random_mdp, recycling_robot
+from rlcore.envs.small import zero_loop
 from rlcore.mdp import FiniteMDP
 from rlcore.solver import solve
 
@@ -252,6 +253,11 @@ def test_undiscounted_without_cost_has_values_but_no_bound():
     others = value_iteration(mdp, 1.0), policy_iteration(mdp, 1.0)
     assert all(other.bound == found.bound == np.inf and other.converged is found.converged is True for other in others)
     assert abs(found.V[0] - 14 / 17) < 1e-4  # 0.8235, the best chance to cross the slippery 4x4 lake
+
+
+def test_a_discount_that_rounding_hides_has_no_bound_and_has_not_converged():
+    found = solve(zero_loop(), 1 - 1e-10)
+    assert found.bound == np.inf and not found.converged
 
 
 def test_undiscounted_refusals():
