@@ -15,6 +15,7 @@ os.environ |= {"RLCORE_NO_NUMBA": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THR
 ROOT = Path(__file__).parents[1]
 LIVE = ROOT / "book" / "_live"
 SECONDS = LIVE / "seconds.json"
+NOTEBOOKS = [*ROOT.glob("book/0*.ipynb"), *ROOT.glob("book/exercises/*.ipynb")]
 SLOWER = 2.5  # a browser's Python against this one
 LONGEST = 60  # seconds in a browser, of a cell and what it builds on
 sys.path.insert(0, str(LIVE))
@@ -101,6 +102,8 @@ def main(paths):
         problems += shuffle(path, [n for n, seconds in total.items() if seconds is not None and seconds < 10])
         known = json.loads(SECONDS.read_text())
         known |= {digest(sources[n]): seconds or 0 for n, seconds in total.items() if seconds is None or seconds >= 3}
+        there = {digest(source) for notebook in NOTEBOOKS for source in cells(notebook)[0]}
+        known = {key: seconds for key, seconds in known.items() if key in there}
         SECONDS.write_text(json.dumps(known, indent=0, sort_keys=True) + "\n")
         slow = sum(seconds is None for seconds in total.values())
         print(
@@ -116,4 +119,4 @@ def main(paths):
 if __name__ == "__main__":
     names = [Path(name).resolve() for name in sys.argv[1:]]
     os.chdir(ROOT / "book")
-    sys.exit(main(names or [*ROOT.glob("book/0*.ipynb"), *ROOT.glob("book/exercises/*.ipynb")]))
+    sys.exit(main(names or NOTEBOOKS))

@@ -199,3 +199,17 @@ def test_the_book_without_live_files_says_what_to_do(tmp_path):
     code += "live.prepare(None, type('Config', (), {'live': 'yes'}))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT / "book" / "_live", capture_output=True, text=True)
     assert "run `make live`" in done.stderr
+
+
+def test_the_seconds_are_those_of_cells_that_are_there():
+    """A slow cell that was changed without being measured again would be offered as a quick one."""
+    from live import digest
+
+    known = json.loads((ROOT / "book" / "_live" / "seconds.json").read_text(encoding="utf-8"))
+    sources = [
+        "".join(cell["source"])
+        for path in NOTEBOOKS
+        for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]
+        if cell["cell_type"] == "code"
+    ]
+    assert set(known) <= {digest(source) for source in sources}
