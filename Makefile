@@ -54,7 +54,7 @@ live: $(STAMP)
 # every cell and every exercise in the page, in Chromium (an hour)
 test-live: live
 	@.ci/browser
-	@$(BIN)/python tests/live.py
+	@$(BIN)/python tests/live_seconds.py
 	@$(RUN) live
 
 # Out of the built pages, into _build/paper; SIZES="A4 Letter" makes both

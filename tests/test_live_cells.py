@@ -11,6 +11,7 @@ from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "book" / "_live"))
 import fetch  # noqa: E402
+import live  # noqa: E402
 import needs  # noqa: E402
 import shell  # noqa: E402
 
@@ -203,8 +204,6 @@ def test_the_book_without_live_files_says_what_to_do(tmp_path):
 
 def test_the_seconds_are_those_of_cells_that_are_there():
     """A slow cell that was changed without being measured again would be offered as a quick one."""
-    from live import digest
-
     known = json.loads((ROOT / "book" / "_live" / "seconds.json").read_text(encoding="utf-8"))
     sources = [
         "".join(cell["source"])
@@ -212,4 +211,4 @@ def test_the_seconds_are_those_of_cells_that_are_there():
         for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]
         if cell["cell_type"] == "code"
     ]
-    assert set(known) <= {digest(source) for source in sources}
+    assert set(known) <= {live.digest(source) for source in sources}

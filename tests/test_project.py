@@ -34,6 +34,14 @@ def test_nothing_else_lies_at_the_top():
     assert top == TOP
 
 
+def test_no_two_modules_on_the_path_of_tests_share_a_name():
+    """The one that is imported first would stand for both."""
+    folders = [ROOT / name for name in ("tests", "tests/pages", "book/_ext", "book/_live", "book/_paper")]
+    names = [path.stem for folder in folders for path in folder.iterdir() if path.suffix == ".py"]
+    names += [path.parent.name for folder in folders for path in folder.glob("*/__init__.py")]
+    assert sorted(names) == sorted(set(names))
+
+
 ROOMS = {  # every module but the exercises, by name
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
     for path in sorted((ROOT / "rlcore").rglob("*.py"))
