@@ -1,6 +1,6 @@
 """How long each live cell takes, and whether it prints what the page shows, in whatever order cells are clicked.
 
-python tests/live_seconds.py [NOTEBOOK ...]  plain Python, as in a browser; about an hour; writes book/_live/seconds.json
+python tests/live_seconds.py [NOTEBOOK ...]  plain Python, as in a browser; an hour; writes book/_live/seconds.json
 """
 
 import json
