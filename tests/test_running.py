@@ -188,12 +188,14 @@ def test_a_stopped_run_is_the_run_of_fewer_episodes():
     assert run.lengths[-1] <= again.lengths[-1] and np.abs(run.Q - again.Q).max() < 1
 
 
-@pytest.mark.parametrize("max_steps", [10**9])
-def test_an_endless_episode_hears_ctrl_c(max_steps):
-    td0(STAY, [[1.0, 0.0], [1.0, 0.0]], 0.9, 1, alpha=0.1, max_steps=1, rng=rng())
+@pytest.mark.parametrize(("max_steps", "told"), [(10**9, None), (3 * 10**6, lambda G, n: None)])
+def test_an_endless_episode_hears_ctrl_c(max_steps, told):
+    """Compiled, and, with someone to tell, interpreted."""
+    options = dict(alpha=0.1, on_episode=told, rng=rng())
+    td0(STAY, [[1.0, 0.0], [1.0, 0.0]], 0.9, 1, max_steps=1, **options)
     soon()
     with pytest.raises(Interrupted) as stopped:
-        td0(STAY, [[1.0, 0.0], [1.0, 0.0]], 0.9, 1, alpha=0.1, max_steps=max_steps, rng=rng())
+        td0(STAY, [[1.0, 0.0], [1.0, 0.0]], 0.9, 1, max_steps=max_steps, **options)
     assert 1 < stopped.value.run.lengths[0] < max_steps
 
 

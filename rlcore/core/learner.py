@@ -16,7 +16,7 @@ from rlcore.core.compiled import HAVE_NUMBA, alone, compiled
 from rlcore.core.results import Run
 from rlcore.core.rules import checker, count
 from rlcore.core.running import ENOUGH, LOST, STOPPED, Interrupted, Watch, watched
-from rlcore.core.sampling import cumulative
+from rlcore.core.sampling import cumulative, step
 from rlcore.core.schedules import check_schedule
 from rlcore.core.types import F, Floats, Given, Ints, OnEpisode, Rng, Rule, World
 from rlcore.core.worlds import Guard, lent, say_cut, step_limit, tabular_world
@@ -172,13 +172,24 @@ def run_loop(
             watch.terminal = sampler.terminal
             if on_episode is not None or not HAVE_NUMBA:
                 told = _Told(watch, on_episode)
-                loop = interpreted(loop, log=told.log, note=told.note)
+                loop = interpreted(loop, log=told.log, note=told.note, act=_acting(watch))
             return loop(sampler, *args, rng), watch.marks.tolist(), 0.0
         with lent(world, rng):
             guard, told = Guard(world, seed=int(rng.spawn(1)[0].integers(2**31))), _Told(watch, on_episode)
             world.unwrapped.np_random = rng
             changes = dict(log=told.log, note=told.note, reset=lambda env, rng: guard.reset(), act=guard.acting(watch))
             return interpreted(loop, **changes)(world, *args, rng), watch.marks.tolist(), guard.largest
+
+
+def _acting(watch):
+    """`act` on a FiniteMDP for an interpreted loop: with Python's own flags a step is a fourth quicker."""
+    take, ends = interpreted(step), (watch.terminal == 1).tolist()
+
+    def act(world, s, a, rng):
+        s_next, r = take(world, s, a, rng)
+        return s_next, r, ends[s_next], watch.asked
+
+    return act
 
 
 class _Told:

@@ -137,12 +137,6 @@ def opened(one, words):
     return n
 
 
-def seconds(page):
-    """Cell -> seconds, of the cells of a page that take three or more; 0 where there is no button."""
-    slow = re.search(r'data-slow="([^"]*)"', (HTML / page).read_text(encoding="utf-8"))
-    return dict(map(int, part.split(":")) for part in slow[1].split(",")) if slow else {}
-
-
 def test_a_page_that_nobody_clicks_on_costs_two_kilobytes(new):
     one = new(CHAPTER).open()
     asked = {url.split("/")[-1] for url in one.seen if "/live/" in url}
@@ -359,12 +353,12 @@ def test_the_next_visit_needs_no_network(new):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", LIVE_PAGES)
 def test_every_cell_prints_what_the_page_shows(new, page):
-    """Those without a number of seconds; none leaves Python with more than 800 MB."""
+    """The slow ones, too; none leaves Python with more than 800 MB."""
     differs = json.loads((ROOT / "book" / "_live" / "differs.json").read_text(encoding="utf-8"))
-    one, slow, problems = new(page).open(), seconds(page), []
+    one, problems = new(page).open(), []
     for n in range(one.tab.evaluate("liveCells.length")):
         bar = one.cell(n).query_selector(".live-bar button")
-        if bar is None or n in slow or bar.inner_text() != "Edit and run":
+        if bar is None or bar.inner_text() != "Edit and run":
             continue
         stored = one.text(n) if one.cell(n).query_selector(".cell_output .explore") is None else None
         said = one.press(n, "Edit and run")
