@@ -12,7 +12,8 @@ const stored = cells.map((cell) => cell.querySelector(".cell_input pre").textCon
 const opened = cells.map(() => null); // editor, output, status and buttons of each cell, once opened
 const ids = cells.map((cell, n) => cells[n + 1]?.className.match(/tag_check-(\S+)/)?.[1]); // of the exercise answered
 const key = "answers " + location.pathname;
-const kept = JSON.parse(localStorage.getItem(key) ?? '{"texts": {}, "passed": []}');
+const kept = { texts: {}, passed: [] };
+try { Object.assign(kept, JSON.parse(localStorage.getItem(key))); } catch { /* nothing that was kept can be read */ }
 let worker, asked, next = 0;
 
 const colours = HighlightStyle.define([
@@ -161,8 +162,10 @@ function show(request, { shown, output }) {
 
 // ---------------------------------------------------------------- what is kept in this browser, and nowhere else
 
+let words = "Your answers are kept in this browser only.";
+
 function save() {
-  try { localStorage.setItem(key, JSON.stringify(kept)); } catch { /* a browser that keeps nothing */ }
+  try { localStorage.setItem(key, JSON.stringify(kept)); } catch { words = "This browser keeps nothing: download your answers."; }
   progress();
 }
 
@@ -184,10 +187,10 @@ function progress() {
   if (!there) {
     bar.append(document.createElement("span"));
     button(bar, "Download as notebook", download);
-    button(bar, "Forget", () => { localStorage.removeItem(key); location.reload(); });
+    button(bar, "Forget", () => { try { localStorage.removeItem(key); } finally { location.reload(); } });
     document.querySelector("article h1").after(bar);
   }
-  bar.firstChild.textContent = `${kept.passed.length} of ${all.length} passed. Your answers are kept in this browser only.`;
+  bar.firstChild.textContent = `${kept.passed.length} of ${all.length} passed. ${words}`;
 }
 
 async function download() {

@@ -282,6 +282,29 @@ def test_what_was_written_is_kept_in_this_browser(new):
     )
 
 
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        (
+            "Object.defineProperty(window, 'localStorage', {get() { throw new DOMException('no', 'SecurityError') }})",
+            "keeps nothing",
+        ),
+        ("localStorage.setItem('answers ' + location.pathname, '{cut')", "kept in this browser only"),
+    ],
+    ids=["no storage", "what was kept is broken"],
+)
+def test_answers_are_checked_where_none_can_be_kept(new, script, words):
+    one = new(EXERCISES)
+    one.tab.add_init_script(script)
+    one.open()
+    n = one.find("chances = ...")
+    assert one.answer(n, "chances = 0.925, 0.025, 1 - 0.975 ** 10").startswith("passed")
+    assert one.tab.query_selector(".live-kept").inner_text().startswith("1 of ") and one.errors == []
+    assert words in one.tab.query_selector(".live-kept").inner_text()
+    one.tab.get_by_role("button", name="Forget").click()
+    one.tab.wait_for_function("() => window.liveCells && !document.querySelector('.live-kept')")
+
+
 def test_hints_and_the_solution_unfold(exercises):
     n = exercises.find("chances = ...")
     exercises.answer(n, "chances = 1")
