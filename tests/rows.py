@@ -56,6 +56,9 @@ def breaks():
 # ---------------------------------------------------------------------- cells and what they depend on
 
 
+TRAINING = {"sgd"}  # functions that change their first argument
+
+
 @functools.cache
 def statements(path):
     """[(number of the cell, its tags, source, node)] of a notebook, top-level statements in order."""
@@ -84,6 +87,8 @@ def bound(node):
             changes |= base(n.target)
         elif isinstance(n, ast.Expr) and isinstance(n.value, ast.Call):
             changes |= base(n.value.func)
+        elif isinstance(n, ast.Call) and base(n) & TRAINING:
+            changes |= base(n.args[0])
         elif isinstance(n, ast.Name) and re.search(r"^rngs?$|_rng$", n.id):
             changes.add(n.id)
     return binds, changes
@@ -304,7 +309,7 @@ def span_of(thing):
 
 def resolved(name):
     parts = name.split(".")
-    for cut in range(len(parts), 0, -1):
+    for cut in range(len(parts) - 1, 0, -1):
         with contextlib.suppress(ModuleNotFoundError):
             thing = importlib.import_module(".".join(parts[:cut]))
             break

@@ -18,35 +18,37 @@ import shell  # noqa: E402
 NOTEBOOKS = sorted(ROOT.glob("book/0*.ipynb"))
 
 
-@pytest.mark.parametrize(
-    ("sources", "needed"),
-    [
-        (["a = 1", "b = 2", "print(a)"], [0]),
-        (["a = 1", "a = 2", "print(a)"], [1]),  # the last that binds it
-        (["a = []", "a.append(1)", "print(a)"], [0, 1]),  # and what changes it
-        (["a = [1]", "a[0] = 2", "b = a"], [0, 1]),
-        (["a = 1", "a += 1", "print(a)"], [0, 1]),
-        (["a = 1", "a = a + 1", "print(a)"], [0, 1]),
-        (["a = [2, 1]", "print(a)", "print(a)"], [0]),  # to print changes nothing
-        (["net = make()", "train(net)", "print(net)"], [0, 1]),  # a call for its effect does
-        (["net = make()", "net.step()", "print(net)"], [0, 1]),
-        (["net = make()", "net.w.x[2] = 1", "print(net)"], [0, 1]),
-        (["rng = default_rng(0)", "rng.normal()", "x = rng.normal()"], [0, 1]),  # every use of a generator
-        (["rng, n = np.random.default_rng(0), 3", "x = f(rng)", "y = f(rng)"], [0, 1]),
-        (["import numpy as np", "f = lambda x: np.sin(x)", "print(f(1))"], [0, 1]),  # what its function reads, too
-        (["a = 1", "def f():\n    return a", "f()"], [0, 1]),
-        (["a = 1", "def f(a):\n    return a", "f(2)"], [1]),
-        (["x = 1", "y = 2", "print([x for x in range(3)], y)"], [1]),
-        (["x = 1", "x = 2\nprint(x)", "y = 3"], []),
-        (["u = 1", "w = 2", "for u in range(w):\n    v = u\n    print(u, v)"], [1]),
-        (["u = 1", "for i in range(2):\n    print(u)\n    u = i"], [0]),
-        (["u = 1", "with open('x') as u:\n    print(u)"], []),
-        (["u = 1", "if input():\n    u = 2\nprint(u)"], [0]),
-        (["import numpy as np", "f(np.x)", "np.seed = 3", "print(np)"], [0]),  # modules are taken to stay as they are
-        (["A = 1", "B = (", "print(B)"], [1]),  # in error: it binds what it seems to
-        (["def g(:\n    pass", "g()", "g()"], [0]),
-    ],
-)
+NEEDS = [  # cells; what the last of them needs
+    (["a = 1", "b = 2", "print(a)"], [0]),
+    (["a = 1", "a = 2", "print(a)"], [1]),  # the last that binds it
+    (["a = []", "a.append(1)", "print(a)"], [0, 1]),  # and what changes it
+    (["a = [1]", "a[0] = 2", "b = a"], [0, 1]),
+    (["a = 1", "a += 1", "print(a)"], [0, 1]),
+    (["a = 1", "a = a + 1", "print(a)"], [0, 1]),
+    (["a = [2, 1]", "print(a)", "print(a)"], [0]),  # to print changes nothing
+    (["net = make()", "train(net)", "print(net)"], [0, 1]),  # a call for its effect does
+    (["net = make()", "net.step()", "print(net)"], [0, 1]),
+    (["net = make()", "net.w.x[2] = 1", "print(net)"], [0, 1]),
+    (["rng = default_rng(0)", "rng.normal()", "x = rng.normal()"], [0, 1]),  # every use of a generator
+    (["rng, n = np.random.default_rng(0), 3", "x = f(rng)", "y = f(rng)"], [0, 1]),
+    (["import numpy as np", "f = lambda x: np.sin(x)", "print(f(1))"], [0, 1]),  # what its function reads, too
+    (["a = 1", "def f():\n    return a", "f()"], [0, 1]),
+    (["a = 1", "def f(a):\n    return a", "f(2)"], [1]),
+    (["x = 1", "y = 2", "print([x for x in range(3)], y)"], [1]),
+    (["x = 1", "x = 2\nprint(x)", "y = 3"], []),
+    (["u = 1", "w = 2", "for u in range(w):\n    v = u\n    print(u, v)"], [1]),
+    (["u = 1", "for i in range(2):\n    print(u)\n    u = i"], [0]),
+    (["u = 1", "with open('x') as u:\n    print(u)"], []),
+    (["u = 1", "if input():\n    u = 2\nprint(u)"], [0]),
+    (["import numpy as np", "f(np.x)", "np.seed = 3", "print(np)"], [0]),  # modules are taken to stay as they are
+    (["A = 1", "B = (", "print(B)"], [1]),  # in error: it binds what it seems to
+    (["def g(:\n    pass", "g()", "g()"], [0]),
+    (["k = 1", "v = [2]", "print([k for k in v], {k for k in v}, {k: j for k, j in zip(v, v)})"], [1]),
+    (["k = 1", "v = [[2]]", "print([[j + k for j in k] for k in v])"], [1]),
+]
+
+
+@pytest.mark.parametrize(("sources", "needed"), NEEDS)
 def test_a_cell_needs_what_made_and_changed_its_names(sources, needed):
     assert needs.analyse(sources)[0][-1] == needed
 

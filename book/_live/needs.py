@@ -14,9 +14,21 @@ CHANGING = {"append", "extend", "update", "add", "insert", "pop", "setdefault", 
 QUIET = {"print", "display"}  # they leave their arguments as they are
 
 
+class Scopes(ast.NodeTransformer):
+    """Comprehensions as generators, whose names are their own in every Python; since 3.12 those of a list are not."""
+
+    def visit_ListComp(self, node):
+        return self.generic_visit(ast.GeneratorExp(node.elt, node.generators))
+
+    visit_SetComp = visit_ListComp
+
+    def visit_DictComp(self, node):
+        return self.generic_visit(ast.GeneratorExp(ast.Tuple([node.key, node.value], ast.Load()), node.generators))
+
+
 def names(node):
     """(global names that a statement reads, in its functions too; names that it binds)."""
-    top = symtable.symtable(ast.unparse(node), "cell", "exec")
+    top = symtable.symtable(ast.unparse(Scopes().visit(ast.parse(ast.unparse(node)))), "cell", "exec")
     tables, read = [top], set()
     for table in tables:
         tables += table.get_children()

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from conftest import HTML, PAGES, ROOT
+from test_live_cells import NEEDS
 
 from rlcore.exercises import CHAPTERS
 
@@ -192,6 +193,16 @@ def test_an_explorer_is_drawn_anew_and_moves(chapter):
     before = panel.evaluate(shown)
     panel.evaluate("p => p.querySelectorAll('input[type=radio]')[1].click()")
     assert len(before) == len(panel.evaluate(shown)) == 1 and before != panel.evaluate(shown)
+
+
+def test_the_browsers_python_finds_the_same_needs(chapter):
+    """Its symbol tables are those of another version."""
+    cells, needed = zip(*NEEDS)
+    n = opened(chapter, "against the next guess")
+    code = f"cells = json.loads({json.dumps(json.dumps(cells))})\nprint([analyse(some)[0][-1] for some in cells])"
+    chapter.write(n, f"import json\nfrom needs import analyse\n{code}")
+    assert chapter.press(n, "Run").startswith("Done") and json.loads(chapter.text(n)) == list(needed)
+    chapter.press(n, "Undo changes")
 
 
 def test_an_endless_loop_is_stopped_and_python_starts_again(chapter):
