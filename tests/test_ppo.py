@@ -395,6 +395,11 @@ def test_too_small_a_step_makes_progress_very_slow():
     assert fast.min() > 450 and of(runs, "lr 0.0001", "final").min() > 3 * slow.max()
     rollout, curve = of(curves, "lr 1e-05", "rollout"), of(curves, "clip 0.2", "mean")
     assert rollout.size * 512 == 30_720 and curve[:3].max() > slow.max()
+    moved = {
+        lr: ppo("CartPole-v1", n_steps=3 * 512, config=PPOConfig(lr=lr, horizon=512), rng=rng()).history.kl
+        for lr in (1e-5, 3e-3)
+    }
+    assert 0 < moved[1e-5].max() < 1e-4 < 1e-3 < moved[3e-3].min()
 
 
 def test_policies_that_were_learned_act():
