@@ -67,6 +67,7 @@ Exercise(
             (rng.normal(size=4).round(2), 0.9),
             (rng.normal(size=7).round(2), 0.3),
             (np.array([1.5]), 0.7),
+            (np.array([3, -1, 2]), 0.3),
         ]
     ],
     hints=(

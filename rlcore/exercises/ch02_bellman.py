@@ -143,29 +143,35 @@ Exercise(
     """,
     cases=lambda rng: [
         Case(
-            {"pi": pi, **_arrays(m, "prob", "reward", "next_state", "terminal"), "V": V, "gamma": gamma},
+            {
+                "pi": pi,
+                **_arrays(m, "prob", "reward", "next_state", "terminal"),
+                "reward": paid,
+                "V": V,
+                "gamma": gamma,
+            },
             expectation_backup(m, pi, V, gamma),
         )
         for m in _models(rng)
         for gamma in (0.9, 0.6)
         for V in [rng.normal(size=m.n_states).round(2) + 1]
         for pi in [rng.dirichlet(np.ones(m.n_actions), size=m.n_states)]
+        for paid in [np.where(m.terminal[:, None, None], 1.0, m.reward)]  # of a terminal state: means nothing
     ],
     hints=(
         "Set the terminal values to 0 in a copy first: `V = np.where(terminal, 0.0, V)`.",
-        "Then compute the action values as in *Action values from state values*, and average them with `pi` over the actions.",
+        "Then compute the action values as in *Action values from state values*, and average them with `pi` over the actions; a terminal state itself is worth 0, whatever its row of the arrays says.",
     ),
     solution="""
         def backup(pi, prob, reward, next_state, terminal, V, gamma):
             V = np.where(terminal, 0.0, V)
             Q = (prob * (reward + gamma * V[next_state])).sum(axis=2)
-            return (pi * Q).sum(axis=1)
+            return np.where(terminal, 0.0, (pi * Q).sum(axis=1))
     """,
     wrong=(
         Wrong(
             {
                 "    V = np.where(terminal, 0.0, V)\n": "",
-                "(pi * Q).sum(axis=1)": "np.where(terminal, 0.0, (pi * Q).sum(axis=1))",
             },
             "the terminal state is bootstrapped: its value as a successor is 0",
         ),
@@ -173,7 +179,7 @@ Exercise(
             """
             def backup(pi, prob, reward, next_state, terminal, V, gamma):
                 V = np.where(terminal, 0.0, V)
-                return (prob * (reward + gamma * V[next_state])).sum(axis=2).sum(axis=1)
+                return np.where(terminal, 0.0, (prob * (reward + gamma * V[next_state])).sum(axis=2).sum(axis=1))
             """,
             "sums over actions without pi",
         ),
@@ -181,7 +187,7 @@ Exercise(
             """
             def backup(pi, prob, reward, next_state, terminal, V, gamma):
                 V = np.where(terminal, 0.0, V)
-                return (prob * (reward + gamma * V[next_state])).sum(axis=2).max(axis=1)
+                return np.where(terminal, 0.0, (prob * (reward + gamma * V[next_state])).sum(axis=2).max(axis=1))
             """,
             "takes the best action: this is the optimality equation (2.16); (2.12) averages over the policy",
         ),
@@ -189,9 +195,13 @@ Exercise(
             """
             def backup(pi, prob, reward, next_state, terminal, V, gamma):
                 V = np.where(terminal, 0.0, V)
-                return (pi * (prob * (reward + V[next_state])).sum(axis=2)).sum(axis=1)
+                return np.where(terminal, 0.0, (pi * (prob * (reward + V[next_state])).sum(axis=2)).sum(axis=1))
             """,
             "gamma is missing from the bootstrap",
+        ),
+        Wrong(
+            {"np.where(terminal, 0.0, (pi * Q).sum(axis=1))": "(pi * Q).sum(axis=1)"},
+            "a terminal state counts 0 as a state, too, whatever its row of `reward` says",
         ),
     ),
     minutes=8,

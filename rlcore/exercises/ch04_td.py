@@ -343,7 +343,7 @@ Exercise(
     """,
     cases=lambda rng: [
         Case(g, _masked(**g))
-        for states, gamma in (([3, 2, 1, 0], 1.0), ([2, 3, 2, 3, 4], 0.9), ([1, 0], 0.8))
+        for states, gamma in (([3, 2, 1, 0], 1.0), ([2, 3, 2, 3, 4], 0.9), ([1, 0], 0.8), ([0, 4, 0, 2], 0.9))
         for g in [
             dict(
                 V=rng.normal(size=5).round(1) + 0.55,
@@ -496,11 +496,17 @@ Exercise(
                 ...
             return V
     """,
-    cases=lambda rng: [
-        Case(g, _averages(**g))
-        for n, S in ((7, 3), (12, 4))
-        for g in [dict(V=np.full(S, 5.0), s=rng.integers(S, size=n), G=rng.normal(size=n).round(1))]
-    ],
+    cases=lambda rng: (
+        [
+            Case(g, _averages(**g))
+            for n, S in ((7, 3), (12, 4))
+            for g in [dict(V=np.full(S, 5.0), s=rng.integers(S, size=n), G=rng.normal(size=n).round(1))]
+        ]
+        + [
+            Case(g, _averages(**g))
+            for g in [dict(V=np.array([5.0, -2.0, 4.0]), s=np.array([0, 0, 2, 0]), G=np.array([1.0, 2.0, 0.5, 4.0]))]
+        ]
+    ),
     hints=(
         "Count first: `N[s[i]] += 1`. Then the first visit has the step size 1, and the guess is forgotten.",
         "`V[s[i]] += (G[i] - V[s[i]]) / N[s[i]]`.",

@@ -787,6 +787,7 @@ Exercise(
             (rng.normal(size=4).round(1), 2),
             (rng.normal(size=2).round(1), 0),
             (np.array([1000.0, 998.0, -1000.0]), 1),
+            (np.array([0.0, 0.0, 0.0, 1000.0, 0.0]), 4),
         )
     ],
     hints=(

@@ -40,6 +40,7 @@ Exercise(
             rng.normal(size=2).round(1),
             np.full(3, 800.0),
             np.array([3000.0, 2999.0, -3000.0]),
+            np.array([0.0, 0.0, 0.0, 3000.0, 0.0]),
         )
     ],
     hints=(
@@ -322,7 +323,13 @@ Exercise(
     """,
     cases=lambda rng: [
         Case(dict(p=p), float(-(p[p > 0] @ np.log(p[p > 0]))))
-        for p in (np.full(4, 0.25), np.array([0.7, 0.2, 0.1]), np.array([0.0, 0.4, 0.6]), np.array([1.0, 0.0]))
+        for p in (
+            np.full(4, 0.25),
+            np.array([0.7, 0.2, 0.1]),
+            np.array([0.0, 0.4, 0.6]),
+            np.array([1.0, 0.0]),
+            np.array([0.95, 0.0499, 0.0001]),
+        )
     ],
     hints=(
         r"$x \ln x$ goes to 0 as $x$ does: an action of probability 0 adds nothing.",

@@ -98,6 +98,7 @@ Exercise(
             ((0, 1, 0, 0, 0), (0, 0, 0, 1, 0), 0.9, 0.8),
             ((0, 0, 1, 0, 0, 0), (1, 0, 0, 0, 0, 1), 0.5, 0.5),
             ((0, 0, 0, 1), (0, 1, 0, 0), 0.99, 0.95),
+            ((0, 1, 0, 0), (0, 1, 0, 0), 0.9, 0.8),
         )
         for n in [len(ends)]
         for g in [
@@ -237,6 +238,7 @@ Exercise(
             (4, 2, (0, 1), (1, 0), 0.9, 0.8),
             (5, 3, (3, 0), (1, 2), 0.99, 0.95),
             (3, 2, (1, 1), (2, 0), 0.5, 0.5),
+            (4, 2, (1, 0), (1, 0), 0.9, 0.8),
         )
         for v in [(rng.normal(size=(T + 1, N)) + 2).round(1)]
         for g in [
@@ -415,6 +417,7 @@ Exercise(
             (4, 3, ((1, 0), (3, 1)), ((2, 2),), (False, True, False)),
             (5, 2, ((0, 1),), ((4, 0), (2, 1)), (True, False)),
             (3, 4, ((2, 3), (1, 1)), ((0, 2),), (True, False, False, True)),
+            (4, 2, ((1, 0),), ((1, 0), (2, 1)), (False, False)),
         )
     ],
     hints=(
@@ -1524,7 +1527,7 @@ Exercise(
     section="Trust regions: TRPO",
     title="A search that is content too soon",
     statement=r"""
-        TRPO halves its step until it is good enough, here for a bandit: `h` holds the preferences, `step` is the full step, `advantage` has the exact advantage of every arm, so the surrogate ({eq}`eq-ppo-44`) is `new @ advantage`. If none of `n_tries` lengths will do, `h` stays. The policies of this program
+        TRPO halves its step until it is good enough, here for a bandit: `h` holds the preferences, `step` is the full step, `advantage` has an estimate of the advantage of every arm, so the surrogate ({eq}`eq-ppo-44`) is `new @ advantage`, and need not be 0 for the old policy. If none of `n_tries` lengths will do, `h` stays. The policies of this program
         jump, and the constraint ({eq}`eq-ppo-45`) with its `delta` might as well not exist. Mend it.
     """,
     setup=SOFTMAX,
@@ -1545,6 +1548,7 @@ Exercise(
             ((2, 0, 0), (-1, 2, 0), (-0.5, 1.5, 0.5), 1.0, 10),
             ((-2, 1, 0), (3, -1, 0), (2, -0.5, 0.1), 0.1, 2),
             ((0, 0, 0), (1, -1, 0), (0, 0, 0), 1.0, 3),
+            ((0, 0, 0), (1, -1, 0), (-0.5, -1.5, -1.0), 1.0, 10),
         )
         for g in [
             dict(
@@ -1603,6 +1607,11 @@ Exercise(
 # ---------------------------------------------------------------------- tables and claims
 
 
+def _scores(R, base):
+    scaled = lambda x, i: (x - base[i]) / (R[:, i].max() - base[i])  # noqa: E731
+    return np.array([np.mean([scaled(x, i) for i in range(len(base)) for x in setting[i]]) for setting in R])
+
+
 Exercise(
     id="ch08-build-score",
     kind="build",
@@ -1617,21 +1626,19 @@ Exercise(
         def table_scores(returns, random):
             ...
     """,
-    cases=lambda rng: [
-        Case(
-            dict(returns=R, random=base),
-            np.array(
-                [
-                    np.mean([(x - base[i]) / (R[:, i].max() - base[i]) for i in range(len(base)) for x in setting[i]])
-                    for setting in R
-                ]
-            ),
-        )
-        for n, scale, seeds in ((3, (1000, 10), 2), (4, (20, 300, 80), 3), (2, (50, 2000, 10), 2))
-        for scale in [np.array(scale, float)]
-        for base in [(-scale * rng.uniform(0.2, 0.6, len(scale))).round(1)]
-        for R in [(base[:, None] + scale[:, None] * rng.uniform(-0.1, 1, (n, len(scale), seeds))).round(1)]
-    ],
+    cases=lambda rng: (
+        [
+            Case(dict(returns=R, random=base), _scores(R, base))
+            for n, scale, seeds in ((3, (1000, 10), 2), (4, (20, 300, 80), 3), (2, (50, 2000, 10), 2))
+            for scale in [np.array(scale, float)]
+            for base in [(-scale * rng.uniform(0.2, 0.6, len(scale))).round(1)]
+            for R in [(base[:, None] + scale[:, None] * rng.uniform(-0.1, 1, (n, len(scale), seeds))).round(1)]
+        ]
+        + [  # a run farther below the random policy than the best is above
+            Case(dict(returns=R, random=base), _scores(R, base))
+            for R, base in [(np.array([[[10.0, 12.0]], [[-40.0, 11.0]]]), np.array([2.0]))]
+        ]
+    ),
     hints=(
         "First take the random policy away, task by task: `returns - random[:, None]`.",
         "The best run of a task is the largest number over all settings and seeds: `max(axis=(0, 2))`.",

@@ -59,6 +59,8 @@ def difference(got: Any, expected: Any, rule: Rule) -> str | None:
         kinds = (bool, np.bool_) if isinstance(expected, (bool, np.bool_)) else type(expected)
         if not isinstance(got, kinds):
             return f"the result is {kind(got)}, expected {kind(expected)}"
+        if isinstance(expected, str):
+            got, expected = got.strip().lower(), expected.lower()
         return None if got == expected else "the result is another"
     if isinstance(expected, numbers.Real):
         value = number(got)
@@ -128,7 +130,8 @@ def _how(got, expected, rule):
             "has the right size and the wrong sign" if abs(got + expected) < 1e-3 * abs(got) else "has the wrong sign"
         )
     if not isinstance(expected, numbers.Integral) and abs(got - expected) <= 5e-3 * abs(expected):
-        return "is right in its first digits: give more of them"
+        whole = ", or, where a whole number is asked for, round it" if expected == round(expected) else ""
+        return f"is right in its first digits: give more of them{whole}"
     far = "far " if expected and not 0.1 < got / expected < 10 else ""
     return f"is {far}too {'high' if got > expected else 'low'}"
 

@@ -45,6 +45,10 @@ def _slopes(theta, f):
     return tuple(gradients)
 
 
+FAR = np.array([[0.0, 0, 0, 1000, 0], [0, 1000, 0, 0, 0]])
+WHOLE = np.array([[1, 0], [0, 2], [3, -1]])  # of integers, whose returns are none
+
+
 Exercise(
     id="network-neuron",
     kind="fill in",
@@ -167,7 +171,7 @@ Exercise(
     """,
     cases=lambda rng: [
         Case(dict(logits=z), _softmax(z))
-        for z in (rng.normal(size=(3, 2)).round(1), rng.normal(size=(2, 4)).round(1), np.array([[1000.0, 0, 999], [-999, -1000, -1000]]))
+        for z in (rng.normal(size=(3, 2)).round(1), rng.normal(size=(2, 4)).round(1), np.array([[1000.0, 0, 999], [-999, -1000, -1000]]), FAR)
     ],
     hints=(
         "Subtract the largest logit of each row before the exponential.",
@@ -314,8 +318,7 @@ Exercise(
     """,
     cases=lambda rng: [
         Case(dict(rewards=R, gamma=gamma), np.array([sum(gamma**k * R[t + k] for k in range(len(R) - t)) for t in range(len(R))]))
-        for T, N, gamma in ((3, 2, 0.5), (4, 3, 0.9), (2, 4, 1.0))
-        for R in [rng.normal(size=(T, N)).round(1)]
+        for R, gamma in (*((rng.normal(size=(T, N)).round(1), gamma) for T, N, gamma in ((3, 2, 0.5), (4, 3, 0.9), (2, 4, 1.0))), (WHOLE, 0.9))
     ],
     hints=(
         "Backward over the rows: `following = rewards[t] + gamma * following`.",

