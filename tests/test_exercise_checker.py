@@ -261,6 +261,13 @@ def test_a_value_is_told_once_the_solution_was_shown():
     assert "expected 9" in check(id, 9.5).message
 
 
+def test_a_verdict_is_its_word_and_a_whole_number_is_asked_for():
+    assert check("ch01-claim-bounded", ("Refuted ", 400)).status == "passed"
+    assert check("ch01-claim-bounded", ("refused", 400)).status == "failed"
+    near, far = (check("ch01-claim-bounded", ("refuted", x)).message for x in (399.9986, 390.0))
+    assert "round it" in near and "round" not in far
+
+
 def test_what_differs_is_shown_and_can_be_taken_in_hand():
     one = EXERCISES["ch01-expected-reward"]
     found = check(one.id, solved(one, lambda x: x + 1e-7 * (np.arange(x.size).reshape(x.shape) == 1)))
@@ -408,13 +415,42 @@ ADVERSARIAL = {  # answers that the cases of an exercise once let through
         {"np.abs(V_new - V).max()": "np.abs((V_new - V) / V_new).max()"},
         {"change >= tol": "change > 0"},
         {"change >= tol": "change > tol"},
+        {"np.abs(V_new - V).max()": "np.linalg.norm(V_new - V)"},
+        {"np.abs(V_new - V).max()": "np.abs(V_new - V).sum()"},
+        {"np.abs(V_new - V).max()": "np.abs(V_new - V)[-1]"},
     ),
     "ch07-score": ({"h.max()": "h.mean()"}, {"h.max()": "h[a]"}, {"h.max()": "h.min()"}),
     "ch02-greedy-ties": (
         {">= Q.max(axis=1, keepdims=True) - 1e-9": ">= Q.max(axis=1, keepdims=True) - 1e-2"},
         {"Q >= Q.max(axis=1, keepdims=True) - 1e-9": "np.isclose(Q, Q.max(axis=1, keepdims=True))"},
     ),
-    "ch03-improvement-ties": ({"1e-9": "1e-2"}, {"1e-9": "1e-8"}),
+    "ch03-improvement-ties": (
+        {"1e-9": "1e-2"},
+        {"1e-9": "1e-8"},
+        {"Q.max(axis=1) - 1e-9": "Q.max(axis=1) * (1 - 1e-9)"},
+    ),
+    "ch06-softmax-gradient": ({"logits.max()": "logits.mean()"}, {"logits.max()": "logits[0]"}),
+    "ch07-softmax": ({"h.max()": "h[0]"}, {"h.max()": "h.mean()"}),
+    "network-softmax": (
+        {"logits.max(axis=1, keepdims=True)": "logits.mean(axis=1, keepdims=True)"},
+        {"logits.max(axis=1, keepdims=True)": "logits[:, :1]"},
+    ),
+    "ppo-log-probs": (
+        {"logits.max(axis=1, keepdims=True)": "logits.mean(axis=1, keepdims=True)"},
+        {"logits.max(axis=1, keepdims=True)": "logits[:, :1]"},
+    ),
+    "ch08-gae": ({"(not terminated[t])": "(not (terminated[t] and not truncated[t]))"},),
+    "ch08-bug-time-limit": ({"* ~terminated[t]": "* ~(terminated[t] & ~truncated[t])"},),
+    "ppo-advantages": ({"* ~terminated[t]": "* ~(terminated[t] & ~truncated[t])"},),
+    "ch08-reset-steps": ({"terminated | truncated": "terminated ^ truncated"},),
+    "ch02-expectation-backup": ({"np.where(terminal, 0.0, (pi * Q).sum(axis=1))": "(pi * Q).sum(axis=1)"},),
+    "ch04-sample-average": ({"V, N = V.copy()": "V, N = np.zeros(len(V))"},),
+    "ch04-bug-terminal": ({"goes_on = t < len(rewards) - 1": "goes_on = 0 < states[t + 1] < len(V) - 1"},),
+    "ch08-build-score": ({"above.max(axis=(0, 2))": "abs(above).max(axis=(0, 2))"},),
+    "ch01-backward-returns": ({"np.zeros(len(rewards))": "np.zeros_like(rewards)"},),
+    "network-returns": ({"np.zeros(rewards.shape)": "np.zeros_like(rewards)"},),
+    "ch07-entropy": ({"np.log(p)": "np.log(np.maximum(p, 1e-3))"}, {"p[p > 0]": "p[(p > 0) & (p < 0.9)]"}),
+    "ch08-bug-line-search": ({"new @ advantage > old @ advantage": "new @ advantage > 0"},),
     "ch05-three-traces": ({"0.75": "0.25"},),
     "ch03-two-sweeps-by-hand": ({"max(7.5, 2 + 0.5 * 6)": "max(7.5, 2 + 6)"},),
     "ch08-adaptive-beta": ({"d < d_target": "d <= d_target"}, {"d > 1.5": "d >= 1.5"}),
