@@ -460,6 +460,7 @@ def net(*sizes, optimizer=True):
         (lambda: PPOConfig(lam=-1), "lam: got -1"),
         (lambda: PPOConfig(lr=0.0), "lr: got 0.0"),
         (lambda: PPOConfig(horizon=0), "horizon: got 0"),
+        (call(config=PPOConfig(horizon=10**9)), "horizon: needs an array of 1000000000 x 1 x 4 numbers"),
         (lambda: PPOConfig(minibatch=0.5), "minibatch: got 0.5"),
         (lambda: PPOConfig(hidden=("a",)), "hidden: got 'a'"),
         (call("NoSuchWorld-v0"), "world: got 'NoSuchWorld-v0'"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rlcore.core.agents import ActorCritic
-from rlcore.core.checks import check_count, check_flag, is_discrete, show
+from rlcore.core.checks import check_count, check_entries, check_flag, is_discrete, show
 from rlcore.core.extras import extra
 from rlcore.core.results import Run
 from rlcore.core.rules import anything, checked, count, instance, rules, takes_none
@@ -161,6 +162,7 @@ def collect(
     first = 0 if one or not discrete else int(space.start)  # one environment's guard counts from 0
     marks = (watch or Watch()).marks
     shape = (T, N, int(space.n)) if discrete else (T, N, *space.shape)
+    check_entries("horizon", T, N, max(math.prod(shape[2:]), s.shape[1]))
     noise = (rng.gumbel(size=shape) if discrete else rng.standard_normal(shape) * np.exp(agent.log_std)).astype(dtype)
     observations, rewards = np.zeros((T + 1, *s.shape), dtype), np.zeros((T, N))
     actions = np.zeros((T, N), np.int64) if discrete else np.zeros((T, N, *space.shape), dtype)
