@@ -106,27 +106,33 @@ def _acting(agent: Any, env: Any, likeliest: bool, rng: Rng) -> Callable[[Any], 
     if isinstance(agent, np.ndarray):
         cdf = cumulative(agent)
         return lambda s: int(agent[s].argmax()) if likeliest else draw(cdf[s], rng)
+    discrete, first = is_discrete(env.action_space), 0
+    less = shift = int(getattr(env.action_space, "start", 0)) if discrete else 0  # networks count from 0
     if isinstance(agent, ActorCritic):
-        if likeliest:
-            return agent.likeliest
         sample = lambda s: agent.policy(np.asarray(s, float)[None]).sample(rng)[0]  # noqa: E731
-        return sample if agent.log_std is None else lambda s: agent.bounded(sample(s))
-    if not hasattr(agent, "forward"):
+        choose = agent.likeliest if likeliest else sample
+        if not likeliest and agent.log_std is not None:
+            choose = lambda s: agent.bounded(sample(s))  # noqa: E731
+    elif not hasattr(agent, "forward"):
+        shift, choose = 0, agent
         first = int(getattr(env.observation_space, "start", 0)) if is_discrete(env.observation_space) else 0
-        less = int(getattr(env.action_space, "start", 0)) if is_discrete(env.action_space) else 0
-        return lambda s: _allowed(agent(s + first if first else s), env.action_space) - less
-    if not is_discrete(env.action_space):
+    elif not discrete:
         raise ValueError(f"agent: got a network for {env.action_space}, must be an ActorCritic there")
+    else:
+
+        def choose(s):
+            outputs = agent.forward(s)
+            return int(outputs.argmax()) if likeliest else int(Categorical(outputs).sample(rng))
 
     def act(s):
-        outputs = agent.forward(s)
-        return int(outputs.argmax()) if likeliest else int(Categorical(outputs).sample(rng))
+        action = choose(s + first if first else s)
+        return _allowed(action + shift if shift else action, env.action_space) - less
 
     return act
 
 
 def _allowed(action, space):
-    """What a function gave, as an action of the space; ValueError where it is none."""
+    """What an agent gave, as an action of the space; ValueError where it is none."""
     if is_discrete(space):
         try:
             if operator.index(action) - int(getattr(space, "start", 0)) in range(int(space.n)):
@@ -394,13 +400,13 @@ def film(
 
     guard, choose, total, t, done = Guard(env), _acting(agent, env, likeliest, rng), 0.0, 0, False
     s = guard.reset(seed=int(rng.integers(2**31)))
-    frames = [env.render()]
+    frames = [np.array(env.render())]  # copies: an environment may draw into the same array again
     while not done:
         s, r, terminated, truncated = guard.step(choose(s))
-        frames.append(env.render())
+        frames.append(np.array(env.render()))
         total, t = total + r, t + 1
         done = terminated or truncated or t == max_steps
-    pictures = [Image.fromarray(np.asarray(frame)) for frame in frames]
+    pictures = [Image.fromarray(frame) for frame in frames]
     fps = fps or getattr(env, "metadata", {}).get("render_fps") or 30
     options: dict[str, Any] = dict(
         format="GIF", save_all=True, append_images=pictures[1:], duration=max(20, round(1000 / fps)), loop=0

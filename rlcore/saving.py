@@ -18,6 +18,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
+import zlib
 from collections.abc import Iterable
 from typing import Any
 
@@ -93,6 +94,12 @@ def _modules(name, modules, given):
     return modules
 
 
+_BROKEN = (  # what a file that is cut, changed or foreign may raise while it is read
+    OSError, zipfile.BadZipFile, zlib.error, ValueError, KeyError, TypeError, EOFError, AttributeError, IndexError,
+    NotImplementedError, RuntimeError, MemoryError,
+)  # fmt: skip
+
+
 @checked(path=check_path, modules=_modules)
 def load(path: str | os.PathLike[str], *, modules: Iterable[Any] = ()) -> Any:
     """Read what `save` wrote to a file.
@@ -131,13 +138,17 @@ def load(path: str | os.PathLike[str], *, modules: Iterable[Any] = ()) -> Any:
             if header["format"] != "rlcore":
                 raise ValueError
             version = header["version"]
+            if type(version) is not int or version < 1:
+                raise ValueError
             if version == VERSION:
                 return _Reader(archive, modules).thing(header["content"])
     except FileNotFoundError:
         raise ValueError(f"path: got {show(str(path))}, must be a file that is there") from None
+    except PermissionError:
+        raise ValueError(f"path: got {show(str(path))}, must be a file that may be read") from None
     except _Misfit as error:
         raise ValueError(str(error)) from None
-    except (OSError, zipfile.BadZipFile, ValueError, KeyError, TypeError, EOFError, AttributeError, IndexError):
+    except _BROKEN:
         raise ValueError(f"path: {path} is cut, changed or of another program, must be what save wrote") from None
     raise ValueError(f"path: {path} is of version {version}, must be at most {VERSION}: a newer rlcore reads it")
 

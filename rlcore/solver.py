@@ -385,9 +385,10 @@ def _undiscounted(mdp, tol):
         raise ValueError(f"gamma: got 1, but no policy ends from state {s}, must be below 1 here")
     V = solve_system(P, r_pi, 1.0, mdp.terminal)
     r, _, scale = _expected_reward(mdp.prob, mdp.reward, mdp.legal, mdp.terminal)
-    n_iter, bound, small, noise = 0, np.inf, tol, (mdp.prob.shape[2] + 6) * ULP * (scale + np.abs(V).max())
-    while bound > tol and small > noise and not marks()[0]:
-        small = max(small / 100, noise)
+    rounding = lambda: (mdp.prob.shape[2] + 6) * ULP * (scale + np.abs(V).max())  # noqa: E731
+    n_iter, bound, small = 0, np.inf, np.inf
+    while bound > tol and small > rounding() and not marks()[0]:  # V begins far below: its rounding is less each time
+        small = max(min(small, tol) / 100, rounding())
         n_iter += (more := _queue(*_arrays(mdp), r, mdp.terminal, 1.0, V, small, MOST, marks()))
         if more >= MOST:
             raise ValueError(f"gamma: got 1, but values still grow after {MOST} sweeps, must be below 1 here")

@@ -265,3 +265,13 @@ def test_a_guard_counts():
     guard = Guard(Line(), seed=1)
     assert (guard.episode, guard.reset(), guard.step(np.int64(1))) == (0, 0, (1, 1.0, False, False))
     assert (guard.episode, guard.t) == (1, 1)
+
+
+def test_an_id_whose_module_is_missing_is_no_environment():
+    with pytest.raises(ValueError, match="^world: got 'nosuchmodule:Env-v0', must be a FiniteMDP"):
+        q_learning("nosuchmodule:Env-v0", 0.9, 1, alpha=0.5, epsilon=0.1, rng=rng())
+
+
+def test_more_episodes_than_memory_holds_are_refused():
+    with pytest.raises(ValueError, match="^n_episodes: needs an array of 1000000000 numbers"):
+        q_learning(random_walk(3), 0.9, 10**9, alpha=0.5, epsilon=0.1, rng=rng())

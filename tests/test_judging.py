@@ -182,3 +182,44 @@ def test_a_film_shows_the_episode(tmp_path):
         assert picture.n_frames == 2 and picture.info["duration"] == 20
     with pytest.raises(ValueError, match="^env: got .* render_mode None, must be made with render_mode='rgb_array'"):
         film(np.full((16, 4), 0.25), gym.make("FrozenLake-v1"), tmp_path / "lake.gif", rng=rng())
+
+
+class Reused(Lamp):
+    """The same lamp, which draws into one array."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.picture = None
+
+    def render(self):
+        frame = super().render()
+        self.picture = frame.copy() if self.picture is None else self.picture
+        self.picture[:] = frame
+        return self.picture
+
+
+def test_a_film_keeps_its_frames(tmp_path):
+    for name, kind in (("own", Lamp), ("reused", Reused)):
+        film(lambda s: 4, kind(), tmp_path / name, max_steps=3, rng=rng())
+    assert (tmp_path / "own").read_bytes() == (tmp_path / "reused").read_bytes()
+
+
+@pytest.mark.parametrize("likeliest", [False, True])
+def test_a_network_of_another_task_is_refused(likeliest):
+    net = MLP([4, 5], rng=rng())
+    net.biases[0][:] = [0, 0, 0, 0, 99]
+    box = ppo("Pendulum-v1", n_steps=16, config=PPOConfig(horizon=16, hidden=(4,)), rng=rng())
+    pole = ppo("CartPole-v1", n_steps=16, config=PPOConfig(horizon=16, hidden=(4,)), rng=rng())
+    with pytest.raises(ValueError, match=r"^agent: gave action 4, must be in Discrete\(2\)"):
+        evaluate(net, "CartPole-v1", 1, likeliest=likeliest, rng=rng())
+    with pytest.raises(ValueError, match="^agent: gave action"):
+        evaluate(box, gym.wrappers.TransformAction(gym.make("Pendulum-v1"), int, gym.spaces.Discrete(2)), 1, rng=rng())
+    with pytest.raises(ValueError, match="^agent: gave action"):
+        evaluate(
+            pole,
+            gym.wrappers.TransformObservation(
+                gym.make("Pendulum-v1"), lambda o: np.append(o, 0.0), gym.spaces.Box(-9, 9, (4,))
+            ),
+            1,
+            rng=rng(),
+        )

@@ -175,6 +175,12 @@ def test_defaults_are_the_papers():
 QUICK = dict(horizon=128, epochs=3, hidden=(8,), lr=3e-3)
 
 
+@pytest.mark.parametrize("learn, kind", [(ppo, PPOConfig), (trpo, TRPOConfig)])
+def test_a_rollout_of_one_step_may_be_a_reset(learn, kind):
+    run = learn("CartPole-v1", n_steps=100, config=kind(horizon=1, hidden=(4,)), rng=rng())
+    assert run.lengths.size >= 2 and len(run.history) == 100
+
+
 def test_history_has_a_record_for_each_rollout():
     run = ppo("CartPole-v1", rng=rng(1), n_steps=500, config=PPOConfig(**QUICK))
     h = run.history
@@ -460,6 +466,7 @@ def net(*sizes, optimizer=True):
         (lambda: PPOConfig(lam=-1), "lam: got -1"),
         (lambda: PPOConfig(lr=0.0), "lr: got 0.0"),
         (lambda: PPOConfig(horizon=0), "horizon: got 0"),
+        (call("nosuchmodule:Env-v0"), "world: got 'nosuchmodule:Env-v0'"),
         (call(config=PPOConfig(horizon=10**9)), "horizon: needs an array of 1000000000 x 1 x 4 numbers"),
         (lambda: PPOConfig(minibatch=0.5), "minibatch: got 0.5"),
         (lambda: PPOConfig(hidden=("a",)), "hidden: got 'a'"),

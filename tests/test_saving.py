@@ -320,3 +320,45 @@ def test_improve_of_a_kept_agent_is_the_same_update(tmp_path):
     for agent in (run.policy, again):
         improve(agent, learning_data(agent, rollout, config), config, 1.0, rng(3))
     same(run.policy, again)
+
+
+def test_a_file_beside_it_is_left_alone(tmp_path):
+    (tmp_path / "mine.part").write_text("the user's own")
+    save([1], tmp_path / "mine")
+    long = tmp_path / ("n" * 250)
+    save([2], long)
+    assert load(tmp_path / "mine") == [1] and load(long) == [2]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mine", "mine.part", long.name]
+    assert (tmp_path / "mine.part").read_text() == "the user's own"
+
+
+@pytest.mark.parametrize("version", [0, "x", None, True, 1.0])
+def test_a_version_that_never_was_is_another_program(tmp_path, version):
+    save([1], tmp_path / "a")
+    with zipfile.ZipFile(tmp_path / "a") as old, zipfile.ZipFile(tmp_path / "b", "w") as new:
+        header = json.loads(old.read("rlcore.json"))
+        new.writestr("rlcore.json", json.dumps(header | {"version": version}))
+    with pytest.raises(ValueError, match="is cut, changed or of another program"):
+        load(tmp_path / "b")
+
+
+def test_files_changed_anywhere_are_refused_or_read(tmp_path):
+    """Whatever byte is another: a ValueError, or what was saved."""
+    save(q_learning(random_walk(3), 0.9, 2, alpha=0.5, epsilon=0.1, rng=rng()), tmp_path / "a")
+    whole, flips = (tmp_path / "a").read_bytes(), rng()
+    for place in flips.integers(len(whole), size=300):
+        broken = bytearray(whole)
+        broken[place] ^= int(flips.integers(1, 256))
+        (tmp_path / "b").write_bytes(broken)
+        try:
+            load(tmp_path / "b")
+        except ValueError as error:
+            assert str(error).startswith("path: ")
+
+
+@pytest.mark.skipif(sys.platform == "win32" or __import__("os").getuid() == 0, reason="may read everything")
+def test_a_file_that_may_not_be_read_is_not_called_broken(tmp_path):
+    save([1], tmp_path / "a")
+    (tmp_path / "a").chmod(0)
+    with pytest.raises(ValueError, match="must be a file that may be read"):
+        load(tmp_path / "a")

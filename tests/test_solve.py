@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import rlcore.solver as quick
 from rlcore.bellman import greedy_actions, q_from_v, solve_policy
 from rlcore.dp import policy_iteration, value_iteration
-from rlcore.envs import gridworld, random_mdp, recycling_robot
+from rlcore.envs import cliff_walking, gridworld, random_mdp, recycling_robot
 from rlcore.envs.small import zero_loop
 from rlcore.mdp import FiniteMDP
 from rlcore.solver import solve
@@ -354,3 +354,26 @@ def test_bad_gamma(gamma):
 def test_bad_tol(tol):
     with pytest.raises(ValueError, match="tol: got .*must be a positive number"):
         solve(recycling_robot(), 0.9, tol)
+
+
+def lock(n):
+    """A lock of n digits, from the first on again after each that is wrong: at random it takes 2^(n + 1) - 2 steps."""
+    return FiniteMDP.from_outcomes({(s, a): [(1.0, s + 1 if a else 0, -1.0)] for s in range(n) for a in (0, 1)})
+
+
+DEEP = {
+    "grid": (gridworld(3, 3, terminals=[0]), -4.0),
+    "cliff": (cliff_walking(), -14.0),
+    **{f"lock {n}": (lock(n), -n) for n in (10, 28, 40)},
+    "large rewards": (FiniteMDP.from_outcomes({(0, 0): [(1.0, 1, -1e10)], (0, 1): [(1.0, 1, -3e10)]}), -1e10),
+}
+
+
+@pytest.mark.parametrize("tol", [1e-6, 1e-9, 1e-11, 1e-300])
+@pytest.mark.parametrize("name", DEEP)
+def test_undiscounted_values_do_not_stay_where_they_begin(name, tol):
+    """Those of the uniform policy are so far below that their rounding is more than what is asked for."""
+    mdp, least = DEEP[name]
+    found = solve(mdp, 1.0, tol)
+    assert found.V.min() == pytest.approx(least, rel=1e-12) and found.bound < 1e-14 * abs(least) * 100
+    assert found.converged == (found.bound <= tol)

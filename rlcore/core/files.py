@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,7 +25,7 @@ def check_path(name: str, path: Any, given: Any = None) -> Path:
 def whole(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
     """A file to write to, which takes the place of `path` when it is finished: all of it, or nothing."""
     path = Path(path)
-    part = path.with_name(path.name + ".part")
+    part = path.with_name(f".{secrets.token_hex(8)}.part")  # nobody else's, also of a long name
     try:
         with open(part, mode) as out:
             yield out

@@ -14,7 +14,7 @@ import numpy as np
 from rlcore.core.checks import Model
 from rlcore.core.compiled import HAVE_NUMBA, alone, compiled
 from rlcore.core.results import Run
-from rlcore.core.rules import checker, count
+from rlcore.core.rules import checker, count, sized
 from rlcore.core.running import ENOUGH, LOST, STOPPED, Interrupted, Watch, watched
 from rlcore.core.sampling import cumulative, step
 from rlcore.core.schedules import check_schedule
@@ -22,7 +22,12 @@ from rlcore.core.types import F, Floats, Given, Ints, OnEpisode, Rng, Rule, Worl
 from rlcore.core.worlds import Guard, lent, say_cut, step_limit, tabular_world
 
 LEARNERS = dict(
-    world=tabular_world, alpha=check_schedule, epsilon=check_schedule, max_steps=step_limit, record=count(0)
+    world=tabular_world,
+    alpha=check_schedule,
+    epsilon=check_schedule,
+    max_steps=step_limit,
+    record=count(0),
+    n_episodes=sized(),
 )
 
 

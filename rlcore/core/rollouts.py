@@ -101,7 +101,7 @@ def vector_env(world: Any, n_envs: int = 1) -> Any:
         if isinstance(world, str):
             one = n_envs == 1
             world = gym.make(world, disable_env_checker=True) if one else gym.make_vec(world, num_envs=n_envs)
-    except gym.error.Error as error:
+    except (gym.error.Error, ImportError) as error:
         raise ValueError(f"world: got {show(world)}, must be an environment or its id ({error})") from None
     if isinstance(world, gym.Env):
         if n_envs != 1:
@@ -226,7 +226,8 @@ class Learning:
             self.watch.marks[1] = episodes.steps
             if normaliser is not None:
                 normaliser.update(rollout.observations[:-1].reshape(-1, s.shape[-1]))
-            yield rollout
+            if rollout.real.any():  # one step may be a reset
+                yield rollout
 
     def note(self, *row: float) -> None:
         """Append a row to the history."""

@@ -244,7 +244,7 @@ def open_world(name: str, world: Any, given: Given | None = None) -> Any:
 
     try:
         return gym.make(world, disable_env_checker=True)
-    except gym.error.Error as error:
+    except (gym.error.Error, ImportError) as error:
         message = f"{name}: got {show(world)}, must be a FiniteMDP, an environment or its id ({error})"
         raise ValueError(message) from None
 
