@@ -15,9 +15,10 @@ from rlcore.core.agents import ActorCritic
 from rlcore.core.checks import Model, as_floats, check_flag, check_pi, finite, is_discrete, show, spaces
 from rlcore.core.extras import extra
 from rlcore.core.files import check_path, whole
-from rlcore.core.learner import learner
+from rlcore.core.learner import learner, log, note
 from rlcore.core.results import Run, Solution
 from rlcore.core.rules import anything, array, check_positive, checked, count, takes_none
+from rlcore.core.running import Interrupted
 from rlcore.core.sampling import cumulative, draw
 from rlcore.core.types import ArrayLike, Floats, Given, Ints, Rng, World
 from rlcore.core.worlds import MOST_STEPS, Guard, act, open_world, reset, say_cut
@@ -146,7 +147,7 @@ def _allowed(action, space):
 
 @learner(lambda given, returns, lengths: (returns, lengths), pi=lambda name, pi, given: pi, max_steps=anything)
 def _play(world, pi, n_episodes, *, max_steps, rng):
-    returns, lengths = np.zeros(n_episodes), np.zeros(n_episodes, np.int64)
+    returns, lengths, history = log(pi, n_episodes, 0)
     for k in range(n_episodes):
         s, done = reset(world, rng), False
         while not done:
@@ -154,19 +155,24 @@ def _play(world, pi, n_episodes, *, max_steps, rng):
             returns[k] += r
             lengths[k] += 1
             done = terminated or truncated or lengths[k] == max_steps
+        if note(world, history, pi, k, 0):
+            break
     return returns, lengths
 
 
 def _played(env: Any, agent: Any, n_episodes: int, max_steps: int, likeliest: bool, rng: Rng) -> tuple[Floats, Ints]:
     returns, lengths, guard = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), Guard(env)
     choose = _acting(agent, env, likeliest, rng)
-    for k in range(n_episodes):
-        s, done = guard.reset(seed=int(rng.integers(2**31))), False
-        while not done:
-            s, r, terminated, truncated = guard.step(choose(s))
-            returns[k] += r
-            lengths[k] += 1
-            done = terminated or truncated or lengths[k] == max_steps
+    try:
+        for k in range(n_episodes):
+            s, done = guard.reset(seed=int(rng.integers(2**31))), False
+            while not done:
+                s, r, terminated, truncated = guard.step(choose(s))
+                returns[k] += r
+                lengths[k] += 1
+                done = terminated or truncated or lengths[k] == max_steps
+    except KeyboardInterrupt:
+        raise Interrupted((returns, lengths)) from None
     return returns, lengths
 
 
@@ -210,12 +216,23 @@ def evaluate(
     >>> evaluate(run, cliff_walking(), 10, likeliest=True, rng=np.random.default_rng(1)).mean
     -13.0
     """
-    if isinstance(agent, np.ndarray):
-        pi = np.eye(agent.shape[1])[agent.argmax(axis=1)] if likeliest else agent
-        returns, lengths = _play(world, pi, n_episodes, max_steps=max_steps, rng=rng)
-    else:
-        returns, lengths = _played(world, agent, n_episodes, max_steps, likeliest, rng)
+    try:
+        if isinstance(agent, np.ndarray):
+            pi = np.eye(agent.shape[1])[agent.argmax(axis=1)] if likeliest else agent
+            returns, lengths = _play(world, pi, n_episodes, max_steps=max_steps, rng=rng)
+        else:
+            returns, lengths = _played(world, agent, n_episodes, max_steps, likeliest, rng)
+    except Interrupted as stopped:
+        returns, lengths = stopped.run
+        ended = np.count_nonzero(lengths) - 1  # the last one was cut
+        if ended < 1:
+            raise KeyboardInterrupt from None
+        raise Interrupted(_judged(returns[:ended], lengths[:ended], rng)) from None
     say_cut(lengths, max_steps, 4)
+    return _judged(returns, lengths, rng)
+
+
+def _judged(returns, lengths, rng):
     mean, interval = float(returns.mean()), _mean_interval(returns)
     drawn = interquartile_mean(returns[rng.integers(returns.size, size=(DRAWS, returns.size))])
     low, high = np.quantile(drawn, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])

@@ -210,6 +210,21 @@ def test_an_environment_hears_ctrl_c_and_is_left_as_it_was():
     assert env._np_random is None
 
 
+@pytest.mark.parametrize("agent", [np.full((48, 4), 0.25), lambda s: 0], ids=["compiled", "interpreted"])
+def test_evaluate_leaves_the_episodes_that_ended(agent):
+    env = Endless()
+    env.slow = 0.001
+    world, options = (cliff_walking(), {}) if isinstance(agent, np.ndarray) else (env, dict(max_steps=10))
+    whole = evaluate(agent, world, 3, rng=rng(), **options)
+    soon(2.0 if callable(agent) else 0.5)
+    with pytest.raises(Interrupted) as stopped:
+        evaluate(agent, world, 10**5, rng=rng(), **options)
+    found = stopped.value.run
+    assert 3 <= found.returns.size == found.lengths.size < 10**5 and found.lengths.min() >= 10
+    np.testing.assert_array_equal(found.returns[:3], whole.returns)
+    assert found.mean == found.returns.mean() and found.interval[0] <= found.mean <= found.interval[1]
+
+
 def test_a_second_ctrl_c_does_not_wait():
     env = Endless()
     env.slow = 60.0

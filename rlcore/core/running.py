@@ -33,7 +33,8 @@ class Interrupted(KeyboardInterrupt):
     Parameters
     ----------
     run : Any
-        A Run whose `interrupted` is True; of planning a Solution that has not converged.
+        A Run whose `interrupted` is True; of planning a Solution that has not converged; of `evaluate` an Evaluation of
+        the episodes that ended.
     """
 
     def __init__(self, run: Any) -> None:
