@@ -159,3 +159,22 @@ def test_what_changes_the_world_is_not_read_past():
     for wrapped in (gym.wrappers.TransformReward(env, lambda r: 2 * r), gym.wrappers.TransformAction(env, int, None)):
         with pytest.raises(ValueError, match="^env: got one in a Transform"):
             FiniteMDP.from_env(wrapped)
+
+
+class Slower(gym.Wrapper):
+    """Each step costs one more."""
+
+    def step(self, action):
+        s, r, *rest = self.env.step(action)
+        return s, r - 1.0, *rest
+
+
+@pytest.mark.parametrize(
+    "wrap", [Slower, gym.wrappers.NormalizeReward, lambda e: gym.wrappers.MaxAndSkipObservation(e)]
+)
+def test_a_wrapper_with_a_step_of_its_own_has_another_process(wrap):
+    env = gym.make("CliffWalking-v1")
+    with pytest.raises(ValueError, match="^env: got one in a .*; must be env.unwrapped"):
+        FiniteMDP.from_env(wrap(env))
+    plain = gym.wrappers.RecordEpisodeStatistics(gym.Wrapper(env))
+    assert FiniteMDP.from_env(plain) == FiniteMDP.from_env(env.unwrapped)
