@@ -128,7 +128,8 @@ def test_a_file_is_complete_on_disk_before_it_gets_its_name(tmp_path, monkeypatc
     monkeypatch.setattr(os, "replace", lambda a, b: (calls.append((str(a), str(b))), rename(a, b)))
     sweep(draw, [dict(x=1)], [0], tmp_path, Here())
     (path,) = tmp_path.iterdir()
-    assert calls == [path.stat().st_size, (f"{path}.part", str(path))]
+    (size, (part, name)) = calls
+    assert size == path.stat().st_size and name == str(path) and Path(part).parent == tmp_path and part != name
 
 
 def test_numbers_of_different_kinds_are_different_settings(tmp_path):
