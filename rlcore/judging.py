@@ -127,7 +127,8 @@ def _acting(agent: Any, env: Any, likeliest: bool, rng: Rng) -> Callable[[Any], 
 
     def act(s):
         action = choose(s + first if first else s)
-        return _allowed(action + shift if shift else action, env.action_space) - less
+        action = _allowed(action + shift if shift else action, env.action_space)
+        return action - less if less else action
 
     return act
 

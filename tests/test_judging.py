@@ -223,3 +223,10 @@ def test_a_network_of_another_task_is_refused(likeliest):
             1,
             rng=rng(),
         )
+
+
+def test_a_continuous_action_may_be_a_list():
+    found = [
+        evaluate(lambda s, a=a: a, "Pendulum-v1", 1, max_steps=3, rng=rng()) for a in ([0.5], (0.5,), np.array([0.5]))
+    ]
+    assert found[0].mean == found[1].mean == found[2].mean
