@@ -386,6 +386,8 @@ def _undiscounted(mdp, tol):
     V = solve_system(P, r_pi, 1.0, mdp.terminal)
     r, _, scale = _expected_reward(mdp.prob, mdp.reward, mdp.legal, mdp.terminal)
     rounding = lambda: (mdp.prob.shape[2] + 6) * ULP * (scale + np.abs(V).max())  # noqa: E731
+    if not rounding() <= scale:  # at random it takes longer than doubles can say: start from a way to the end
+        V = solve_system(*chain(mdp, prefer_ends(mdp, np.zeros(mdp.legal.shape), mdp.legal)), 1.0, mdp.terminal)
     n_iter, bound, small = 0, np.inf, np.inf
     while bound > tol and small > rounding() and not marks()[0]:  # V begins far below: its rounding is less each time
         small = max(min(small, tol) / 100, rounding())

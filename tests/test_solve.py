@@ -356,15 +356,19 @@ def test_bad_tol(tol):
         solve(recycling_robot(), 0.9, tol)
 
 
-def lock(n):
-    """A lock of n digits, from the first on again after each that is wrong: at random it takes 2^(n + 1) - 2 steps."""
-    return FiniteMDP.from_outcomes({(s, a): [(1.0, s + 1 if a else 0, -1.0)] for s in range(n) for a in (0, 1)})
+def lock(n, digits=2):
+    """A lock of n digits, from the first on again after each that is wrong: at random it takes about digits^n steps."""
+    row = lambda s, a: [(1.0, 0 if a else s + 1, -1.0)]  # noqa: E731
+    return FiniteMDP.from_outcomes({(s, a): row(s, a) for s in range(n) for a in range(digits)})
 
 
 DEEP = {
     "grid": (gridworld(3, 3, terminals=[0]), -4.0),
     "cliff": (cliff_walking(), -14.0),
-    **{f"lock {n}": (lock(n), -n) for n in (10, 28, 40)},
+    **{
+        f"lock {n}, {k}": (lock(n, k), -n)
+        for n, k in ((10, 2), (28, 2), (40, 2), (200, 2), (1100, 2), (28, 5), (60, 5))
+    },
     "large rewards": (FiniteMDP.from_outcomes({(0, 0): [(1.0, 1, -1e10)], (0, 1): [(1.0, 1, -3e10)]}), -1e10),
 }
 
@@ -375,5 +379,5 @@ def test_undiscounted_values_do_not_stay_where_they_begin(name, tol):
     """Those of the uniform policy are so far below that their rounding is more than what is asked for."""
     mdp, least = DEEP[name]
     found = solve(mdp, 1.0, tol)
-    assert found.V.min() == pytest.approx(least, rel=1e-12) and found.bound < 1e-12 * abs(least)
+    assert found.V.min() == pytest.approx(least, rel=1e-12) and found.bound < 1e-14 * abs(least) * mdp.n_states
     assert found.converged == (found.bound <= tol)
