@@ -358,7 +358,10 @@ def solve_policy(mdp: FiniteMDP, pi: ArrayLike, gamma: float) -> Floats:
     array([0.  , 0.25, 0.5 , 0.75, 0.  ])
     """
     P, r = chain(mdp, pi)
-    return solve_system(P, r, gamma, mdp.terminal)
+    V = solve_system(P, r, gamma, mdp.terminal)
+    if not np.finfo(float).eps * np.abs(V).max() <= np.abs(r).max():  # a reward is lost in the rounding of V, or V is NaN
+        raise ValueError("pi: takes longer to end than doubles can say, must end sooner, or gamma be smaller")
+    return V
 
 
 @checked

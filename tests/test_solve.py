@@ -17,7 +17,7 @@ from rlcore.bellman import greedy_actions, q_from_v, solve_policy
 from rlcore.dp import policy_iteration, value_iteration
 from rlcore.envs import cliff_walking, gridworld, random_mdp, recycling_robot
 from rlcore.envs.small import zero_loop
-from rlcore.mdp import FiniteMDP
+from rlcore.mdp import FiniteMDP, uniform_policy
 from rlcore.solver import solve
 
 GAMMAS = [0.0, 0.5, 0.99, 0.9999]
@@ -381,3 +381,14 @@ def test_undiscounted_values_do_not_stay_where_they_begin(name, tol):
     found = solve(mdp, 1.0, tol)
     assert found.V.min() == pytest.approx(least, rel=1e-12) and found.bound < 1e-14 * abs(least) * mdp.n_states
     assert found.converged == (found.bound <= tol)
+
+
+@pytest.mark.parametrize("n, digits", [(200, 2), (90, 7), (1100, 3)])
+def test_a_policy_that_takes_longer_than_doubles_say_is_refused(n, digits):
+    """Policy iteration begins with the uniform one, and goes from another to the same values as `solve`."""
+    mdp = lock(n, digits)
+    for plan in (lambda: solve_policy(mdp, uniform_policy(mdp), 1.0), lambda: policy_iteration(mdp, 1.0)):
+        with pytest.raises(ValueError, match="^pi: takes longer to end than doubles can say, must end sooner"):
+            plan()
+    found = policy_iteration(mdp, 1.0, pi0=np.eye(digits)[np.zeros(n + 1, int)])
+    np.testing.assert_array_equal(found.V, solve(mdp, 1.0).V)

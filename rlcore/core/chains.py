@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -42,18 +43,23 @@ def ends(mdp: Model, pi: Floats) -> bool:
 
 
 def solve_system(P: Any, r: Floats, gamma: float, terminal: Flags) -> Floats:
-    """V with V = r + gamma P V and V = 0 on terminal states."""
+    """V with V = r + gamma P V, 0 on terminal states; NaN where to doubles the system is a singular one."""
     from scipy.sparse import eye_array
-    from scipy.sparse.linalg import spsolve
+    from scipy.sparse.linalg import MatrixRankWarning, spsolve
 
     require_end_of(P, gamma, terminal)
     go = np.flatnonzero(~terminal)
     V = np.zeros(terminal.size)
     P = P[go][:, go]
     if go.size > 100 and P.nnz < 0.05 * go.size**2:
-        V[go] = spsolve((eye_array(go.size) - gamma * P).tocsc(), r[go])
-    else:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MatrixRankWarning)
+            V[go] = spsolve((eye_array(go.size) - gamma * P).tocsc(), r[go])
+        return V
+    try:
         V[go] = np.linalg.solve(np.eye(go.size) - gamma * P.toarray(), r[go])
+    except np.linalg.LinAlgError:
+        V[go] = np.nan
     return V
 
 
