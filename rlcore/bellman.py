@@ -359,7 +359,7 @@ def solve_policy(mdp: FiniteMDP, pi: ArrayLike, gamma: float) -> Floats:
     """
     P, r = chain(mdp, pi)
     V = solve_system(P, r, gamma, mdp.terminal)
-    if not np.finfo(float).eps * np.abs(V).max() <= np.abs(r).max():  # a reward is lost in the rounding of V, or V is NaN
+    if not np.finfo(float).eps * np.abs(V).max() <= np.abs(r).max():  # a reward is lost in V's rounding, or V is NaN
         raise ValueError("pi: takes longer to end than doubles can say, must end sooner, or gamma be smaller")
     return V
 
