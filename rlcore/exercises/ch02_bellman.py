@@ -134,7 +134,7 @@ Exercise(
     title="The Bellman equation as a function",
     statement=r"""
         Write the right-hand side of {eq}`eq-12` for all states at once and return it as `(S,)`. `pi` is `(S, A)`, the outcome
-        arrays are `(S, A, K)`. `terminal` is `(S,)`; a terminal state counts 0, **whatever `V` says about it**, as a successor
+        arrays are `(S, A, K)`. `terminal` is `(S,)`; a terminal state counts 0, **whatever `V` and its rows of the arrays say**, as a successor
         and as a state.
     """,
     stub="""

@@ -1527,7 +1527,7 @@ Exercise(
     section="Trust regions: TRPO",
     title="A search that is content too soon",
     statement=r"""
-        TRPO halves its step until it is good enough, here for a bandit: `h` holds the preferences, `step` is the full step, `advantage` has an estimate of the advantage of every arm, so the surrogate ({eq}`eq-ppo-44`) is `new @ advantage`, and need not be 0 for the old policy. If none of `n_tries` lengths will do, `h` stays. The policies of this program
+        TRPO halves its step until it is good enough, here for a bandit: `h` holds the preferences, `step` is the full step, `advantage` has an estimate of the advantage of every arm, so the surrogate ({eq}`eq-ppo-44`) is `new @ advantage`, which need not be 0 for the old policy. If none of `n_tries` lengths will do, `h` stays. The policies of this program
         jump, and the constraint ({eq}`eq-ppo-45`) with its `delta` might as well not exist. Mend it.
     """,
     setup=SOFTMAX,
