@@ -72,6 +72,11 @@ def is_rule(thing):
     return thing.__name__.startswith("check_") or bool({"given", "name"} & set(parameters[:2] + parameters[-1:]))
 
 
+def is_compiled(thing):
+    """Whether it is a loop that numba compiles where there is one, which nobody calls."""
+    return inspect.isfunction(thing) and "\n@compiled\n" in "\n" + inspect.getsource(thing)
+
+
 @contextmanager
 def limit(seconds):
     """TimeoutError after so many seconds, MemoryError with 2 GB more than now."""

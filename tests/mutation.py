@@ -1,13 +1,16 @@
 """Break the code on purpose, one place at a time: some test must fail.
 
-    python tests/mutation.py [name ...]       modules of TESTS below, or folders of them; all where none is named
+    python tests/mutation.py [name ...]       modules of rlcore, or folders of them; all where none is named
     python tests/mutation.py --again          forget earlier results
     python tests/mutation.py --list           print the changes without running anything
     python tests/mutation.py --report         what is known from earlier runs
     python tests/mutation.py --sample         only the update lines named in SAMPLE, in a few seconds
     python tests/mutation.py --alone          one process instead of two
 
-Each change (a mutant) is made in a scratch copy and the tests of that module run on it, interpreted, until one fails.
+First every test runs once, interpreted, and it is noted which statements of rlcore it reaches. Then each change (a
+mutant) is made in memory, in a fork of a process that has collected all tests, and those that reach its statement run,
+the quick ones first, until one fails. What cannot be changed in memory (tables, and functions that run while modules
+are imported) is written to a scratch copy, and imported from there.
 A mutant is named by its function, its line and what is done to it, whatever module the function is in; "function in
 module" where two modules have the same line in functions of one name.
 Results are kept in _build/mutation/, one line a mutant, so that a run can be stopped and resumed: a mutant is run again
@@ -24,90 +27,18 @@ import json
 import os
 import resource
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
-import time
-from collections import Counter
+from collections import Counter, defaultdict
 from fnmatch import fnmatch
 from pathlib import Path
+
+import mutation_engine as engine
 
 ROOT = Path(__file__).parents[1]
 SCRATCH = ROOT / "_build" / "mutation"
 ALLOWED = ROOT / "tests" / "mutation_allowed.txt"
-TIME_LIMIT = 60  # seconds of computing for one mutant; a healthy run of one module's tests takes less than half
-PATIENCE = 4  # times as long on the clock, whatever else the machine does
-TESTS = {  # in the order in which they are most likely to notice
-    "mdp": "test_mdp test_bad_input test_mdp_env test_properties",
-    "core.outcomes": "test_mdp test_mdp_env test_bad_input test_properties",
-    "core.sampling": "test_mdp test_properties test_td_exact",
-    "core.rules": "test_td test_bad_input test_mdp test_planning",
-    "mpc": "test_planning test_bad_input",
-    "core.checks": "test_bad_input test_models test_mdp test_dp test_bellman test_planning test_td_exact test_nn",
-    "core.worlds": "test_td_exact test_td test_traces_exact test_mdp_env test_bad_input",
-    "bellman": "test_bellman test_bad_input test_properties",
-    "dp": "test_dp test_bad_input test_properties",
-    "solver": "test_solve test_properties test_bad_input",
-    "planning": "test_planning test_bad_input",
-    "core.schedules": "test_td_exact test_td test_bad_input",
-    "core.learner": "test_td test_td_exact test_traces_exact",
-    "core.chains": "test_bellman test_dp test_solve test_properties",
-    "core.samples": "test_nn test_policies test_reinforce",
-    "core.extras": "test_release",
-    "monte_carlo": "test_td_exact test_td",
-    "td": "test_td_exact test_td",
-    "batch": "test_td_exact test_td",
-    "nstep": "test_traces_exact test_traces",
-    "traces": "test_traces_exact test_traces",
-    "neurons": "test_nn",
-    "nn": "test_nn test_trpo test_reinforce",
-    "optimizers": "test_nn test_planning",
-    "torchnet": "test_nn test_trpo test_losses test_reinforce test_ppo",
-    "policies": "test_policies test_reinforce test_td_exact test_planning",
-    "distributions": "test_policies",
-    "policy_gradient": "test_reinforce",
-    "reinforce": "test_reinforce",
-    "actor_critic": "test_reinforce",
-    "core.agents": "test_rollouts test_ppo test_losses",
-    "core.rollouts": "test_rollouts test_ppo",
-    "gae": "test_rollouts test_ppo",
-    "losses": "test_losses",
-    "ppo": "test_ppo test_losses",
-    "trust_region": "test_surrogates",
-    "trpo": "test_trpo",
-    "sweep": "test_sweep",
-    "envs.small": "test_mdp test_bellman test_planning test_ch02 test_grids test_robots test_td test_reinforce",
-    "envs.grids": "test_grids test_bad_input test_td test_planning",
-    "envs.robots": "test_robots test_mdp",
-    "envs.cartpole": "test_planning test_robots test_figure56",
-    "envs.golf": "test_golf",
-    "envs.games": "test_ch02",
-    "envs.catch": "test_catch",
-    "envs.meter": "test_ch02",
-    "envs.gym": "test_mdp_env test_catch test_bad_input",
-    "studies.ch02": "test_golf test_ch02 test_measure test_bad_input",
-    "studies.ch03": "test_planning test_ch02 test_bad_input",
-    "studies.ch04": "test_measure test_td_exact",
-    "studies.ch06": "test_nn test_supervised",
-    "studies.ch07": "test_figure56 test_reinforce",
-    "studies.ch08": "test_supervised",
-    "studies.figure61": "test_figure61",
-    "studies.tables": "test_figure61 test_figure56",
-    "exercises.compare": "test_exercises",
-    "exercises.engine": "test_exercises",
-    "exercises.sandbox": "test_exercises",
-    "exercises.notebook": "test_exercises",
-    "exercises.own": "test_exercise_command",
-    "explore": "test_explore",
-    "core.endings": "test_endings test_dp",
-    "core.files": "test_saving test_judging test_sweep",
-    "core.results": "test_saving test_td test_dp",
-    "core.running": "test_running",
-    "core.sparse": "test_models",
-    "judging": "test_judging",
-    "saving": "test_saving",
-}
 LEFT_OUT = {
     "": "an index of names",
     "core.types": "names for annotations",
@@ -120,24 +51,11 @@ LEFT_OUT = {
     "plots": "finds the figures by name",
     "plots.*": "pictures are looked at; what they show is computed elsewhere",
 }
-TOO_SLOW = {  # interpreted, these take seconds or a minute each: left out, which can only make a mutant survive
-    "test_solve": "memory or 0.9999 or without_numba or does_not_forget or long_corridor",
-    "test_planning": "real_steps or steps_per_episode or converges_to_the_optimum or behaviour_at_random or bonus or "
-    "root_n or plain_python or reinforce or recorded_actions",
-    "test_td": "fixed_point or average_to_state or errors_of or random_walk or share_one or windy or not_met or "
-    "gymnasium or in_an_environment or by_episode_or_by_step or never_explores or bits",
-    "test_traces": "walk19 or windy or maze_of or cuts_of or v_pi_is or q_pi_of or shortest_path or same_bits or "
-    "too_small or reduction_holds or control_is_its_box or watkins_lambda_0",
-    "test_sweep": "cluster",
-    "test_robots": "can_robot_delivers or can_robot_drops",
-    "test_supervised": "concept_is_learned or catch_is_learned",
-    "test_figure61": "smoke_tier or a_tenth or annealing_depends or full_fills",
-    "test_explore": "same_bytes",
-    "test_exercises": "gets_its_own_message or line_of_the_solution or never_ends or the_command or not_there or claim",
-    "test_exercise_command": "not own or stay_away",
-    "test_ppo": "test_cartpole[ or test_pendulum or inverted or policies_that or beta_of_100 or clipping_keeps",
-}
-HEAVY = {"torch": "torch", "sklearn": "sklearn.datasets", "plots": "matplotlib.pyplot"}  # named in tests: loaded first
+NOT_HERE = {  # tests of files, of pages and of whole commands
+    "test_chapters", "test_ledger", "test_live_cells", "test_mathematics", "test_mutation", "test_notebooks", "test_programs",
+    "test_project", "test_reading", "test_release", "test_rows", "test_compiled",
+}  # fmt: skip
+HEAVY = ("torch", "sklearn.datasets", "matplotlib.pyplot")
 SWAPS = {
     ast.Add: [ast.Sub], ast.Sub: [ast.Add], ast.Mult: [ast.Div], ast.Div: [ast.Mult], ast.FloorDiv: [ast.Mult],
     ast.Mod: [ast.FloorDiv], ast.Pow: [ast.Mult], ast.BitAnd: [ast.BitOr], ast.BitOr: [ast.BitAnd],
@@ -299,7 +217,7 @@ def lines(module):
 @functools.cache
 def names():
     """{(module, i): name} of all mutants."""
-    found = {(module, i): name for module in TESTS for i, (_, name) in enumerate(_lines(module))}
+    found = {(module, i): name for module in broken() for i, (_, name) in enumerate(_lines(module))}
     count = Counter(found.values())
     for (module, i), name in found.items():
         if count[name] > 1:
@@ -320,16 +238,23 @@ def _lines(module):
     return found
 
 
-def plan(module, first=0, step=1):
-    """Mutants first, first + step, ... as (name, line number, digest of the function it is in, source)."""
+def plan(module):
+    """Every mutant of a module as (name, line number, digest of the function it is in, place, tree)."""
     text = file_of(module).read_text()
-    for i, (number, name) in list(enumerate(lines(module)))[first::step]:
-        tree = ast.parse(text)
-        _, _, change = next(itertools.islice(mutants(tree), i, None))
-        change()
-        source = ast.unparse(ast.fix_missing_locations(tree)) + "\n\ndef _same(x):\n    return x\n"
-        whole = _around(tree).get(number, [tree])[-1]
-        yield name, number, hashlib.sha256(ast.unparse(whole).encode()).hexdigest()[:12], source
+    for i, (number, name) in enumerate(lines(module)):
+        yield mutant(module, text, i, number, name)
+
+
+def mutant(module, text, i, number, name):
+    tree = ast.parse(text)
+    where = engine.places(tree)
+    node, _, change = next(itertools.islice(mutants(tree), i, None))
+    place = engine.key(where[node]) if node in where else None
+    change()
+    tree = ast.fix_missing_locations(tree)
+    whole = _around(tree).get(number, [tree])[-1]
+    digest = hashlib.sha256(ast.unparse(whole).encode()).hexdigest()[:12]
+    return name, number, digest, place and f"{module}:{place}", tree
 
 
 def _around(tree):
@@ -358,105 +283,115 @@ def scratch(folder):
     return folder
 
 
-def preload(chosen=()):
+def preload():
     """Import what is slow and not under test, once, before the forks."""
-    for name in ("gymnasium", "hypothesis.strategies", "pytest", "scipy.sparse.csgraph", "scipy.sparse.linalg"):
+    for name in ("gymnasium", "hypothesis.strategies", "pytest", "scipy.sparse.csgraph", "scipy.sparse.linalg", *HEAVY):
         importlib.import_module(name)
     import gymnasium
 
     for name in ("FrozenLake-v1", "Taxi-v4", "CliffWalking-v1"):
         gymnasium.make(name)
-    text = "".join(path.read_text() for path in {path for module in chosen for path in files(ROOT, module)})
-    for word, name in HEAVY.items():
-        if word in text:
-            importlib.import_module(name)
     assert "rlcore" not in sys.modules
 
 
-def files(folder, module):
-    """The files of a module's tests."""
-    return [folder / "tests" / f"{name.split('::')[0]}.py" for name in TESTS[module].split()]
+def keep(name, number, digest, status, mark, seconds, **more):
+    """Append a result; several processes do."""
+    row = dict(name=name, line=number, killed=status != 0, status=status, digest=digest, mark=mark)
+    with open(SCRATCH / "results.jsonl", "a") as out:
+        out.write(json.dumps(row | {"seconds": round(seconds, 1)} | more) + "\n")
+
+
+def in_memory(chosen):
+    """Job of the engine: every mutant whose statement a test reaches, in a fork with other code."""
+
+    def job(session):
+        todo, done, excused = [], results(), allowed()
+        for module in chosen:
+            for i, (number, name) in enumerate(lines(module)):
+                todo.append((module, i, number, name))
+        queue, texts = engine.tickets(len(todo)), {module: file_of(module).read_text() for module in chosen}
+
+        def work():
+            killers = {}
+            before = {
+                module: engine.compiled(ast.parse(texts[module]), str(session.modules[module])) for module in chosen
+            }
+            for ticket in engine.numbers(queue):
+                module, i, number, name = todo[ticket]
+                file = str(session.modules[module])
+                _, _, digest, place, tree = mutant(module, texts[module], i, number, name)
+                reached = session.reach.get(place, {})
+                tests = engine.chosen(reached, killers.get(place, ()))
+                mark = session.mark(tests)
+                known = done.get(name, {})
+                # a mutant once killed stays killed while its function is the same; a survivor meets every new test
+                if known.get("digest") == digest and (known["killed"] or known["mark"] == mark or name in excused):
+                    continue
+                patches = engine.changes(before[module], engine.compiled(tree, file), session.functions[file])
+                again = place is None or not tests or any(f.__code__ in session.ran for f, _ in patches)
+                status, seconds, test = 0, 0.0, None
+                if patches and tests and all(len(f.__code__.co_freevars) == len(c.co_freevars) for f, c in patches):
+                    status, seconds, test = session.run(patches, tests)
+                elif engine.compiled(tree, file) == before[module]:
+                    status, again = "same", False
+                else:
+                    again = True
+                if status != 0 and test:
+                    killers.setdefault(place, set()).add(test)
+                keep(name, number, digest, status, mark, seconds, again=bool(again and status == 0), test=test)
+
+        engine.together(session.processes, work)
+
+    return job
 
 
 def run_tests(folder, tests, limit):
-    """(exit status, seconds computed) of the tests in a forked child, file by file; 'slow' where the time is up."""
+    """(exit status, seconds computed) of tests, imported anew in a forked child."""
     child = os.fork()
     if child == 0:
-        os.setsid()
-        out = os.open(folder / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        os.dup2(out, 1)
-        os.dup2(out, 2)
-        resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
-        resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
-        os.chdir(folder)
-        sys.path.insert(0, str(folder))
-        import pytest
-
         status = 3
         try:
+            engine.quiet()
+            resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+            os.chdir(folder)
+            sys.path.insert(0, str(folder))
+            import pytest
+
             assert str(folder) in importlib.util.find_spec("rlcore").origin
-            for name in tests.split():
-                file, colons, test = name.partition("::")
-                choice = ["-k", f"not ({TOO_SLOW[file]})"] if file in TOO_SLOW else []
-                wanted = f"tests/{file}.py{colons}{test}"
-                status = int(pytest.main(["-x", "-q", "--assert=plain", "--no-header", *choice, wanted]))
-                if status:
-                    break
+            status = int(pytest.main(["-x", "-q", "--assert=plain", "--no-header", *tests]))
         finally:
             os._exit(status)
-    end = time.monotonic() + PATIENCE * limit
-    while time.monotonic() < end:
-        pid, status, used = os.wait4(child, os.WNOHANG)
-        if pid:
-            code = os.waitstatus_to_exitcode(status)
-            slow = code in (-signal.SIGXCPU, -signal.SIGKILL)
-            return "slow" if slow else code, used.ru_utime + used.ru_stime
-        time.sleep(0.02)
-    os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return "slow", limit
+    return engine.waited(child, 4 * limit)
 
 
-def fingerprint(folder, module):
-    """Of the tests that are run."""
-    text = b"".join(path.read_bytes() for path in [*files(folder, module), folder / "tests" / "worlds.py"])
-    return hashlib.sha256(text).hexdigest()[:12]
-
-
-def work(worker, workers, chosen):
-    """One of the processes: every workers-th mutant that has no result yet."""
-    folder, done, excused = scratch(SCRATCH / f"copy{worker}"), results(), allowed()
-    limits = json.loads((SCRATCH / "limits.json").read_text())
-    preload(chosen)
-    with open(SCRATCH / "results.jsonl", "a") as out:  # both append whole lines
-        for module in chosen:
-            path, tests, mark = file_of(module, folder), TESTS[module], fingerprint(folder, module)
-            original = path.read_text()
-            for name, number, digest, source in plan(module, worker, workers):
-                before = done.get(name, {})
-                # a mutant once killed stays killed while its function is the same; a survivor meets every new test
-                known = before.get("digest") == digest
-                if known and (before["killed"] or before["mark"] == mark or name in excused):
-                    continue
-                path.write_text(source)
-                status, seconds = run_tests(folder, tests, limits[module])
-                row = dict(name=name, line=number, killed=status != 0, status=status, digest=digest, mark=mark)
-                out.write(json.dumps(row | {"seconds": round(seconds, 1)}) + "\n")
-                out.flush()
-            path.write_text(original)
+def on_disk(worker, workers, chosen):
+    """One of the processes: mutants that were not to be changed in memory, written to a copy that is imported anew."""
+    folder, done = scratch(SCRATCH / f"copy{worker}"), results()
+    reach = json.loads((SCRATCH / "reach.json").read_text())
+    preload()
+    for module in chosen:
+        path = file_of(module, folder)
+        original = path.read_text()
+        todo = [row for row in plan(module) if done.get(row[0], {}).get("again")]
+        for name, number, digest, place, tree in todo[worker::workers]:
+            tests = engine.chosen(reach["places"].get(place) or reach["modules"].get(module, {}))
+            path.write_text(ast.unparse(tree) + "\n\ndef _same(x):\n    return x\n")
+            status, seconds = run_tests(folder, tests, 60) if tests else (0, 0.0)
+            keep(name, number, digest, status, done[name]["mark"], seconds)
+        path.write_text(original)
 
 
 def sample(folder):
     """Exit status 1 unless every change of SAMPLE makes a test fail."""
     folder, alive = scratch(Path(folder, "copy")), []
     preload()
-    for module, line, broken, test in SAMPLE:
+    for module, line, broken_to, test in SAMPLE:
         path = file_of(module, folder)
         original = path.read_text()
         if line not in original:
             sys.exit(f"{module}: {line!r} is no longer there")
-        path.write_text(original.replace(line, broken))
-        if run_tests(folder, test, TIME_LIMIT)[0] != 1:
+        path.write_text(original.replace(line, broken_to))
+        if run_tests(folder, [f"tests/{test.replace('::', '.py::')}"], 60)[0] != 1:
             alive.append(f"{module}: {line}")
         path.write_text(original)
     print(f"{len(SAMPLE) - len(alive)} of {len(SAMPLE)} noticed", *alive, sep="\n")
@@ -482,18 +417,6 @@ def stale():
     return [name for name in allowed() if name not in names().values()]
 
 
-def healthy(chosen):
-    """The tests pass on the unchanged copy; otherwise every mutant would count as killed."""
-    folder, limits = scratch(SCRATCH / "copy-check"), {}
-    for module in chosen:
-        status, seconds = run_tests(folder, TESTS[module], 5 * TIME_LIMIT)
-        if status != 0:
-            sys.exit((folder / "log.txt").read_text()[-3000:] + f"\nThe tests of {module} fail without any change.")
-        limits[module] = min(TIME_LIMIT, 10 + 3 * int(seconds))
-        print(f"{module}: unchanged, {seconds:.0f} s", flush=True)
-    (SCRATCH / "limits.json").write_text(json.dumps(limits))
-
-
 def report(chosen):
     found, excused, left = results(), allowed(), []
     for module in chosen:
@@ -514,12 +437,35 @@ def report(chosen):
     return 1 if left or stale() else 0
 
 
+@functools.cache
+def broken():
+    """The modules that are broken."""
+    return [module for module in modules() if not left_out(module)]
+
+
 def choose(wanted):
     """The modules that are named, or that are in a folder that is."""
     for name in wanted:
-        if not any(m == name or m.startswith(name + ".") for m in TESTS):
-            sys.exit(f"{name}: {left_out(name) or 'is no module of TESTS'}")
-    return [m for m in TESTS if not wanted or any(m == name or m.startswith(name + ".") for name in wanted)]
+        if not any(m == name or m.startswith(name + ".") for m in broken()):
+            sys.exit(f"{name}: {left_out(name) or 'is no module of rlcore'}")
+    return [m for m in broken() if not wanted or any(m == name or m.startswith(name + ".") for name in wanted)]
+
+
+def first(chosen, processes):
+    """In memory. Leaves which tests reach what in reach.json."""
+    folder = scratch(SCRATCH / "copy")
+    every = {module: file_of(module, folder) for module in broken()}
+    job = in_memory(chosen)
+
+    def then(session):
+        by_module = defaultdict(dict)
+        for place, tests in session.reach.items():
+            by_module[place.partition(":")[0]] |= tests
+        (SCRATCH / "reach.json").write_text(json.dumps(dict(places=session.reach, modules=by_module)))
+        job(session)
+
+    preload()
+    return engine.session(folder, SCRATCH, every, processes, then, NOT_HERE)
 
 
 def main(arguments):
@@ -544,15 +490,16 @@ def main(arguments):
         with tempfile.TemporaryDirectory() as folder:
             return sample(folder)
     SCRATCH.mkdir(parents=True, exist_ok=True)
-    for a in arguments:
-        if a.startswith("--worker="):
-            work(*map(int, a.removeprefix("--worker=").split("/")), chosen)
-            return 0
-    preload(chosen)
-    healthy(chosen)
     n = 1 if "--alone" in arguments else 2
+    if "--memory" in arguments:
+        return first(chosen, n)
+    for a in arguments:
+        if a.startswith("--disk="):
+            on_disk(*map(int, a.removeprefix("--disk=").split("/")), chosen)
+            return 0
     command = [sys.executable, __file__, *chosen]
-    workers = [subprocess.Popen([*command, f"--worker={i}/{n}"], env=os.environ) for i in range(n)]
+    subprocess.run([*command, "--memory", *["--alone"] * (n == 1)], env=os.environ, check=True)
+    workers = [subprocess.Popen([*command, f"--disk={i}/{n}"], env=os.environ) for i in range(n)]
     for worker in workers:
         worker.wait()
     return report(chosen)
