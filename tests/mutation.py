@@ -52,8 +52,8 @@ LEFT_OUT = {
     "plots.*": "pictures are looked at; what they show is computed elsewhere",
 }
 NOT_HERE = {  # tests of files, of pages and of whole commands
-    "test_chapters", "test_ledger", "test_live_cells", "test_mathematics", "test_mutation", "test_notebooks", "test_programs",
-    "test_project", "test_reading", "test_release", "test_rows", "test_compiled",
+    "test_chapters", "test_ledger", "test_live_cells", "test_mathematics", "test_mutation", "test_notebooks",
+    "test_programs", "test_project", "test_reading", "test_release", "test_rows", "test_compiled",
 }  # fmt: skip
 HEAVY = ("torch", "sklearn.datasets", "matplotlib.pyplot")
 SWAPS = {
