@@ -10,7 +10,7 @@ import numpy as np
 
 from rlcore.bellman import greedy_actions, table
 from rlcore.core.checks import as_flags, as_floats, check_probability, is_number, show, spaces
-from rlcore.core.compiled import compiled
+from rlcore.core.compiled import compiled, part
 from rlcore.core.results import Run
 from rlcore.core.rules import checked, takes_none
 from rlcore.core.samples import check_labels
@@ -20,7 +20,7 @@ from rlcore.core.worlds import open_world, tabular_world
 from rlcore.neurons import softmax
 
 
-@compiled
+@part
 def epsilon_greedy(Q: Floats, s: int, epsilon: float, rng: Rng) -> int:
     """A legal action at random with probability epsilon, else a maximising one; ties at random.
 

@@ -198,10 +198,10 @@ def set_up(folder, changed=()):
     assert str(folder) in compiled.__file__
     text, calls = machine_code()
 
-    def dispatcher(function):
+    def dispatcher(function, inner):
         import numba
 
-        found = numba.njit(function)
+        found = numba.njit(function, no_cpython_wrapper=inner)
         if not {*changed} & reached(function.__name__, calls):
             found.enable_caching()
             found._cache._cache_file._source_stamp = text
@@ -211,14 +211,14 @@ def set_up(folder, changed=()):
     return compiled
 
 
-COMPILED = ("compiled", "learner", "inlined")
+COMPILED = ("compiled", "part", "learner", "inlined")
 
 
 def machine_functions(tree):
     """Definitions that numba compiles."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef) and any(
-            w in ast.unparse(d) for d in node.decorator_list for w in COMPILED
+            ast.unparse(d).partition("(")[0] in COMPILED for d in node.decorator_list
         ):
             yield node
 

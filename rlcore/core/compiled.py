@@ -31,6 +31,17 @@ class _Lazy:
         return self.dispatcher(*args)
 
 
+class _Part(_Lazy):
+    """A function that numba compiles into those that call it; from Python its Python body runs."""
+
+    def __call__(self, *args):
+        return self.__wrapped__(*args)
+
+    @property
+    def _numba_type_(self):
+        return self.dispatcher._numba_type_
+
+
 def _link():
     """Give every waiting function its dispatcher, under the names by which compiled functions call each other."""
     _announce()
@@ -38,11 +49,11 @@ def _link():
         _inline(_inlined.pop())
     for lazy in _lazy:
         if lazy.dispatcher is None:
-            lazy.dispatcher = _dispatcher(lazy.__wrapped__)
+            lazy.dispatcher = _dispatcher(lazy.__wrapped__, isinstance(lazy, _Part))
     for lazy in _lazy:
         names = lazy.__wrapped__.__globals__
         for name, value in names.items():
-            if isinstance(value, _Lazy):
+            if type(value) is _Lazy:
                 names[name] = value.dispatcher
 
 
@@ -79,12 +90,14 @@ def _announce():
     event.register("numba:compile", Note())
 
 
-def _dispatcher(function):
+def _dispatcher(function, inner):
     """The function, compiled; its machine code is kept on disk where a folder is writable."""
     import numba
 
-    # no_cfunc_wrapper: what only C would call takes a twelfth of the time of compiling
-    dispatcher = numba.njit(function, nogil=getattr(function, "alone", False), no_cfunc_wrapper=True)
+    # wrappers: the one for C takes a twelfth of the time of compiling, those for Python a fifth
+    dispatcher = numba.njit(
+        function, nogil=getattr(function, "alone", False), no_cfunc_wrapper=True, no_cpython_wrapper=inner
+    )
     if stamp := _sources():
         try:
             dispatcher.enable_caching()
@@ -105,6 +118,14 @@ def _sources():
 def compiled(function: F) -> F:
     """Compile `function` with numba on first use; leave it alone where there is no numba or RLCORE_NO_NUMBA=1."""
     return _Lazy(function) if HAVE_NUMBA else function  # type: ignore[return-value]
+
+
+def part(function: F) -> F:
+    """As `compiled`, but only compiled functions call the machine code: Python calls the Python body.
+
+    For what takes a generator or a world, which numba takes 1 to 7 us to unpack, and a while to learn to.
+    """
+    return _Part(function) if HAVE_NUMBA else function  # type: ignore[return-value]
 
 
 def alone(function: F) -> F:

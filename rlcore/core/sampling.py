@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rlcore.core.compiled import compiled
+from rlcore.core.compiled import part
 from rlcore.core.types import ArrayLike, Floats, Rng
 
 Sampler = namedtuple("Sampler", "next_state reward cdf terminal start_cdf marks")
@@ -20,7 +20,7 @@ def cumulative(prob: ArrayLike) -> Floats:
     return np.where(positive_after > 0, np.cumsum(prob, axis=-1), 1.0)
 
 
-@compiled
+@part
 def draw(cdf: Floats, rng: Rng) -> int:
     """Index drawn from cumulative probabilities cdf, (K,)."""
     u = rng.random()
@@ -30,7 +30,7 @@ def draw(cdf: Floats, rng: Rng) -> int:
     return k
 
 
-@compiled
+@part
 def step(world: Any, s: int, a: int, rng: Rng) -> tuple[int, float]:
     """One transition (s', r) of the sampled process. eq-1"""
     k = draw(world.cdf[s, a], rng)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rlcore.core.checks import check_flag, check_nonnegative, check_probability, check_rate, is_number, show
-from rlcore.core.compiled import compiled
+from rlcore.core.compiled import part
 from rlcore.core.rules import checked
 from rlcore.core.types import Given, Schedule
 
@@ -72,7 +72,7 @@ def check_schedule(name: str, value: Any, given: Given | None = None) -> Schedul
     return constant(value)
 
 
-@compiled
+@part
 def at(schedule: Schedule, n: int) -> float:
     """Value of a schedule after n."""
     if schedule.rate == 0.0:
@@ -80,7 +80,7 @@ def at(schedule: Schedule, n: int) -> float:
     return max(schedule.floor, schedule.first / (1.0 + schedule.rate * n) ** schedule.power)
 
 
-@compiled
+@part
 def now(schedule: Schedule, n_episodes: int, n_steps: int) -> float:
     """Value of an exploration rate after so many finished episodes and so many steps."""
     return at(schedule, n_steps if schedule.per_step else n_episodes)

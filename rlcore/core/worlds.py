@@ -12,7 +12,7 @@ import numpy as np
 
 from rlcore.core.chains import ends
 from rlcore.core.checks import HUGE, Model, check_count, is_discrete, show, spaces
-from rlcore.core.compiled import compiled
+from rlcore.core.compiled import compiled, part
 from rlcore.core.extras import extra
 from rlcore.core.rules import takes_none
 from rlcore.core.running import CUT, LOST, Watch
@@ -23,13 +23,13 @@ from rlcore.core.types import Floats, Given, Ints, Rng
 MOST_STEPS = 1_000_000  # of an episode, where max_steps is None
 
 
-@compiled
+@part
 def reset(world: Any, rng: Rng) -> int:
     """First state of an episode."""
     return draw(world.start_cdf, rng)
 
 
-@compiled
+@part
 def act(world: Any, s: int, a: int, rng: Rng) -> tuple[int, float, bool, bool]:
     """(s', r, terminated, truncated) of one step. A FiniteMDP truncates where the run is stopped.
 

@@ -204,7 +204,7 @@ def spread_updates(
 def _spread_updates(world, prob, pairs, Q0, gamma, n_updates, epsilon, follow, record, rng):
     Q, visits = Q0.copy(), np.zeros(Q0.shape, np.int64)
     history = np.zeros((n_updates // record + 1, *Q0.shape))
-    keep(history, 0, Q)
+    keep(history[0], Q)
     s = draw(world.start_cdf, rng)
     for i in range(n_updates):
         if follow:
@@ -219,7 +219,7 @@ def _spread_updates(world, prob, pairs, Q0, gamma, n_updates, epsilon, follow, r
         Q[s, a] = q  # eq-17
         visits[s, a] += 1
         if (i + 1) % record == 0:
-            keep(history, (i + 1) // record, Q)
+            keep(history[(i + 1) // record], Q)
         if follow:
             s, _ = step(world, s, a, rng)
             if world.terminal[s]:
