@@ -278,15 +278,13 @@ class Engine:
         for item in items:
             reached[:] = bytes(len(reached))
             start = computing()
-            signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
-            signal.setitimer(signal.ITIMER_REAL, 4 * LONGEST)  # a test may wait for another process
             try:
+                allow(LONGEST)
                 good = passes(item)
-            except TooLong:
+                allow(0)
+            except TooLong:  # perhaps when the test was over
                 good = False
-            finally:
-                signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-                signal.setitimer(signal.ITIMER_REAL, 0)
+                allow(0)
             seconds = computing() - start
             if good and seconds <= LONGEST:
                 found[item.nodeid] = (round(seconds, 3), [names[i] for i, hit in enumerate(reached) if hit])
@@ -327,6 +325,12 @@ class Engine:
         last = os.read(read, 4 * len(tests) or 4)[-4:]
         os.close(read)
         return status, seconds, tests[struct.unpack("i", last)[0]] if last else None
+
+
+def allow(seconds):
+    """Raise TooLong after so many seconds of computing, or four times as many of waiting; 0: never."""
+    signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
+    signal.setitimer(signal.ITIMER_REAL, 4 * seconds)  # a test may wait for another process
 
 
 def too_long(*_):
