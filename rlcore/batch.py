@@ -176,7 +176,7 @@ def batch_td(
     s, s_next = batch.s, batch.s_next
 
     def increments(V):
-        delta = td_error.unchecked(batch.r, V[s], V[s_next], gamma, batch.terminal[s_next])
+        delta = td_error.unchecked(batch.r, V[s], V[s_next], gamma)  # V stays 0 where episodes end
         return np.bincount(s, delta, V.size)  # eq-19
 
     return _sweep(increments, np.where(batch.terminal, 0.0, V0), alpha, tol, max_sweeps)

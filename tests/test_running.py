@@ -94,7 +94,8 @@ def test_an_environment_that_nothing_ends_is_cut(play, monkeypatch):
         monkeypatch.setattr(f"rlcore.{module}.MOST_STEPS", 1000)
     with pytest.warns(RuntimeWarning, match="^max_steps: got None, and 2 of 2 episodes did not end") as found:
         run = play(rng=rng())
-    assert run.lengths.tolist() == [1000, 1000] and found[0].filename == __file__
+    assert run.lengths.tolist() == [1000, 1000]
+    assert (found[0].filename, found[0].lineno) == (__file__, play.__code__.co_firstlineno)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert play(max_steps=7, rng=rng()).lengths.tolist() == [7, 7]

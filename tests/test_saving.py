@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from agents import Counter
 from worlds import awkward
 
 from rlcore.core.agents import ActorCritic, Normaliser
@@ -181,6 +182,35 @@ def test_an_agent_must_fit():
         ppo("CartPole-v1", config=PPOConfig(**SMALL), agent=agent, net=agent.net, **options)
     with pytest.raises(ValueError, match="^agent: .* must be"):
         ppo("CartPole-v1", config=PPOConfig(**SMALL, shared=True), agent=agent, **options)
+    with pytest.raises(ValueError, match=r"^critic: .* must be None"):
+        ppo("CartPole-v1", config=PPOConfig(**SMALL), agent=agent, critic=agent.critic, **options)
+
+
+@pytest.mark.parametrize(
+    "continuous, shared, n, critic, spread, message",
+    [
+        (False, False, 2, 2, 0, None), (True, False, 2, 2, 2, None), (False, True, 3, 0, 0, None),
+        (False, False, 2, 2, 2, "got one with a critic and a log_std, must be one with shared = False, for discrete"),
+        (True, False, 2, 2, 0, "got one with a critic and no log_std, must be one with shared = False, for continuous"),
+        (False, False, 2, 0, 0, "got one with no critic and no log_std, must be one with shared = False"),
+        (False, True, 3, 2, 0, "got one with a critic and no log_std, must be one with shared = True"),
+        (False, False, 3, 2, 0, "its net: "), (False, False, 2, 3, 0, "its critic: "),
+    ],
+)  # fmt: skip
+def test_an_agent_is_of_the_kind_that_is_learned(continuous, shared, n, critic, spread, message):
+    """n outputs, a critic of so many inputs or none, a log_std of so many numbers or none."""
+
+    def learner(*sizes):
+        return MLP(sizes, optimizer=SGD(0.1), rng=rng())
+
+    more = (np.zeros(spread), SGD(0.1)) if spread else ()
+    agent = ActorCritic(learner(2, n), learner(critic, 1) if critic else None, *more)
+    options = dict(n_steps=32, config=PPOConfig(**SMALL, shared=shared), agent=agent, rng=rng())
+    if message is None:
+        assert ppo(Counter(continuous=continuous), **options).policy is agent
+    else:
+        with pytest.raises(ValueError, match=f"^agent: {message}"):
+            ppo(Counter(continuous=continuous), **options)
 
 
 def module(width=3):

@@ -304,6 +304,16 @@ def test_you_are_the_predictor():
     np.testing.assert_allclose(certainty_equivalence(PREDICTOR, 3, 0.8), [0.6, 0.75, 0], atol=1e-15)
 
 
+@pytest.mark.parametrize("learn", [batch_mc, batch_td, certainty_equivalence])
+def test_batches_may_come_one_by_one_and_are_looked_at(learn):
+    np.testing.assert_array_equal(learn(iter(PREDICTOR), 3, 0.9), learn(PREDICTOR, 3, 0.9))
+    cut = rollout(random_walk(5), uniform_policy(random_walk(5)), 1, s=3, rng=rng())
+    with pytest.raises(ValueError, match="^episodes: number 1 was cut before its end"):
+        learn(iter([PREDICTOR[0], cut]), 7, 0.9)
+    with pytest.raises(ValueError, match="^episodes: got 3, must be Trajectories"):
+        learn(3, 7, 0.9)
+
+
 @pytest.mark.parametrize("gamma", [1.0, 0.9])
 def test_batch_td_is_certainty_equivalence(gamma):
     for mdp in (random_walk(5), awkward()):
