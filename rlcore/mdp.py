@@ -20,6 +20,7 @@ from rlcore.core.outcomes import (
     from_outcomes,
     names,
     own,
+    rounded_sums,
 )
 from rlcore.core.rules import checked, count, index, takes_none
 from rlcore.core.sampling import Sampler, cumulative, draw, step
@@ -41,7 +42,8 @@ class FiniteMDP(Model):
     next_state : np.ndarray
         (S, A, K), the states s' of the outcomes.
     prob : np.ndarray
-        (S, A, K), their probabilities, which sum to 1 for each legal pair; outcomes of probability 0 are padding.
+        (S, A, K), their probabilities, which sum to 1 for each legal pair, within 1e-9: rows further away than 1e-12
+        are divided by their sums. Outcomes of probability 0 are padding.
     reward : np.ndarray
         (S, A, K), their rewards.
     legal : np.ndarray
@@ -92,6 +94,8 @@ class FiniteMDP(Model):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, names(name, getattr(self, name)))
         self.validate()
+        for name in ("prob", "start"):
+            object.__setattr__(self, name, rounded_sums(getattr(self, name)))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)

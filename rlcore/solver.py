@@ -23,7 +23,7 @@ from rlcore.core.running import interruptible, marks
 from rlcore.mdp import FiniteMDP, uniform_policy
 
 ULP = float(np.finfo(float).eps) / 2  # relative error of one operation
-SUM_TOL = 1e-9  # by how much FiniteMDP allows the probabilities of a pair to miss 1
+SUM_TOL = 1e-12  # by how much the probabilities of a pair of a FiniteMDP may miss 1
 SWEEPS, QUEUE, POLICIES = 0, 1, 2  # the three ways
 STAND = 4  # sweeps for which a policy stands
 WINDOW = 6  # times that actions are compared before the contraction of the span is judged

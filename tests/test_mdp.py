@@ -150,7 +150,12 @@ def test_sizes_are_read_from_the_outcomes():
 
 
 def test_sums_may_miss_1_by_rounding():
-    assert FiniteMDP.from_outcomes({(0, 0): [(1 + 1e-10, 0, 0.0)]}, start=[1 - 1e-10]).n_states == 1
+    """Far off, by 1e-10, they are divided; as near as 1e-13 they stay, bit by bit."""
+    table = {(0, 0): [(0.5, 1, 0.0), (0.5 + 1e-10, 0, 0.0)], (0, 1): [(1 + 1e-13, 1, 0.0)]}
+    mdp = FiniteMDP.from_outcomes(table, start=[1 - 1e-10, 0.0])
+    assert_array_equal(np.sort(mdp.prob[0, 0]), np.array([0.5, 0.5 + 1e-10]) / (1 + 1e-10))
+    assert mdp.prob[0, 1].max() == 1 + 1e-13 and mdp.start[0] == 1.0
+    assert not mdp.prob.flags.writeable and not mdp.start.flags.writeable
 
 
 def test_start_is_a_state_or_a_distribution():

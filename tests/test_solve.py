@@ -127,13 +127,23 @@ def test_bound_covers_rounding_in_exact_arithmetic():
         assert error <= Fraction(found.bound) < Fraction(1e-15) * 10 / Fraction(1 - gamma) ** 2
 
 
-def test_probabilities_that_miss_1_are_covered():
-    """Rows that sum to 1 + 1e-9 (as FiniteMDP allows) move v_*; the bound must know."""
-    P = np.array([[[0.5, 0.5 + 9e-10]], [[0.25, 0.75 - 9e-10]]])
+@pytest.mark.parametrize("miss", [9e-10, 9e-13])
+def test_probabilities_that_miss_1_are_covered(miss):
+    """Rows that sum to 1 + 9e-10 (FiniteMDP divides them) or 1 + 9e-13 (it does not); the bound must know."""
+    P = np.array([[[0.5, 0.5 + miss]], [[0.25, 0.75 - miss]]])
     mdp = FiniteMDP.from_arrays(P, np.array([[1.0], [3.0]]))
+    P = P / P.sum(axis=2, keepdims=True) if miss > 1e-12 else P
     for gamma in (0.9, 0.999):
         V = np.linalg.solve(np.eye(2) - gamma * P[:, 0], mdp.expected_reward()[:, 0])
         assert_certified(mdp, gamma, V_star=V)
+
+
+def test_probabilities_that_miss_1_without_a_discount():
+    """A step that costs 1 and ends with probability 1/1000: -1000, where rows that sum to 1 + 9e-10 give -1000.0009."""
+    mdp = FiniteMDP.from_outcomes({(0, 0): [(0.999 + 9e-10, 0, -1.0), (0.001, 1, -1.0)]})
+    p = (0.999 + 9e-10) / (1 + 9e-10)
+    for found in (solve(mdp, 1.0, 1e-9), value_iteration(mdp, 1.0, tol=1e-13), policy_iteration(mdp, 1.0)):
+        assert found.V[0] == pytest.approx(-1 / (1 - p), rel=1e-9)
 
 
 # ---------------------------------------------------------------------- each way by itself

@@ -137,6 +137,13 @@ def _from_dense(P, R, terminal, start, normalise):
     return order, *freeze(prob, reward, legal), terminal, _start(start, terminal)
 
 
+def rounded_sums(prob: Array) -> Array:
+    """prob, rows divided by their sums where these miss 1 by more than 1e-12, as numbers typed in do."""
+    total = prob.sum(axis=-1, keepdims=True)
+    off = (np.abs(total - 1) > 1e-12) & (total > 0)
+    return freeze(np.divide(prob, total, out=prob.copy(), where=off))[0] if off.any() else prob
+
+
 ONLOOKERS = {"HumanRendering", "OrderEnforcing", "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo"}
 ONLOOKERS |= {"RenderCollection", "TimeLimit", "Wrapper"}  # wrappers of gymnasium whose steps are those of the table
 
