@@ -242,6 +242,19 @@ def test_an_environment_without_numbers_for_states_is_refused(name):
             LEARNERS[name](**play_arguments(name, world))
 
 
+def test_worlds_and_results_that_no_memory_holds(monkeypatch):
+    huge = gym.wrappers.TransformObservation(MDPEnv(random_walk(3)), lambda s: s, gym.spaces.Discrete(2**40))
+    with pytest.raises(ValueError, match="^world: needs an array of 1099511627776 x 1 numbers, must be at most"):
+        q_learning(huge, 1.0, 3, alpha=0.1, epsilon=0.1, rng=rng())
+
+    def full(*args, **options):
+        raise MemoryError
+
+    monkeypatch.setattr("rlcore.core.learner.run_loop", full)
+    with pytest.raises(MemoryError, match="^n_episodes, record, max_steps: got 1000, 1, 99, must keep less"):
+        td0(random_walk(3), np.ones((5, 1)), 1.0, 1000, alpha=0.1, record=1, max_steps=99, rng=rng())
+
+
 # ---------------------------------------------------------------------- visits
 
 

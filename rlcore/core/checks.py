@@ -224,6 +224,7 @@ def spaces(world: World) -> tuple[Flags, Flags]:
             f"world: got {kind}, must be a FiniteMDP or a gymnasium.Env with Discrete observations and actions"
         )
     sizes = [int(space.n) for space in found]
+    check_entries("world", *sizes)
     return np.ones(sizes, bool), np.zeros(sizes[0], bool)
 
 

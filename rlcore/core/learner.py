@@ -54,7 +54,10 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
             ]
             told = dict(n=given.get("n_episodes", 0), on_episode=given.get("on_episode"))
             first = _first(given)
-            found, (why, ended), reward = run_loop(loop, given["world"], *inputs, rng=given["rng"], **told)
+            try:
+                found, (why, ended), reward = run_loop(loop, given["world"], *inputs, rng=given["rng"], **told)
+            except MemoryError:
+                raise MemoryError(_too_much(given)) from None
             if why == LOST:
                 raise ValueError(_lost(given, found, ended))
             if np.isnan(found[0]).any():
@@ -73,6 +76,12 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
         return call
 
     return decorate
+
+
+def _too_much(given):
+    """What to say where results do not fit into the memory."""
+    counts = {name: given[name] for name in ("n_episodes", "record", "max_steps", "n_steps") if name in given}
+    return f"{', '.join(counts)}: got {', '.join(map(str, counts.values()))}, must keep less: memory is full"
 
 
 def _lost(given, found, ended):
