@@ -88,6 +88,8 @@ def solve(mdp: FiniteMDP, gamma: float, tol: float = 1e-6) -> Solution:
         V, Q, pi, bound, n_iter = _solve_dense(mdp, gamma, tol)
     else:
         V, Q, pi, bound, n_iter = _solve_sparse(*_arrays(mdp), mdp.reward, mdp.legal, mdp.terminal, gamma, tol, marks())
+    if not np.isfinite(V).all():
+        raise ValueError(f"mdp: got rewards up to {np.abs(mdp.reward).max():g}, must be smaller: values are infinite")
     solved = bound <= tol or (gamma == 1 and bound == np.inf and not marks()[0])
     return Solution(V, Q, pi, n_iter, bool(solved), bound, None)
 

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 
 import gymnasium as gym
@@ -109,6 +110,15 @@ def test_what_diverges_says_when(world):
     options = dict(alpha=0.9, epsilon=0.1, max_steps=2000, rng=rng())
     with pytest.raises(ValueError, match=r"^alpha: got 0.9, must be smaller: .* in episode \d+, step \d+ or before"):
         sarsa_lambda(world, 1.0, 0.95, 1000, trace="accumulating", **options)
+
+
+@pytest.mark.parametrize("kind", [lambda mdp: mdp, MDPEnv], ids=["process", "environment"])
+def test_rewards_that_doubles_cannot_add_say_so(kind):
+    mdp = FiniteMDP.from_outcomes({(0, 0): [(0.9, 0, 1e308), (0.1, 1, 1e308)], (0, 1): [(1.0, 1, -1e308)]})
+    for learn in (q_learning, partial(td0, pi=[[1.0, 0.0], [1.0, 0.0]])):
+        options = dict(epsilon=0.1) if learn is q_learning else {}
+        with pytest.raises(ValueError, match="are no finite numbers any more in episode"), np.errstate(all="ignore"):
+            learn(kind(mdp), gamma=1.0, n_episodes=50, alpha=0.5, max_steps=200, rng=rng(), **options)
 
 
 def test_what_diverges_softly_says_so_too():

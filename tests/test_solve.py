@@ -138,6 +138,13 @@ def test_probabilities_that_miss_1_are_covered(miss):
         assert_certified(mdp, gamma, V_star=V)
 
 
+@pytest.mark.parametrize("gamma", [0.9, 1.0])
+def test_values_that_doubles_cannot_hold(gamma):
+    mdp = FiniteMDP.from_outcomes({(0, 0): [(0.9, 0, 1e308), (0.1, 1, 1e308)]})
+    with pytest.raises(ValueError, match="^(mdp|V): .*inf"), np.errstate(all="ignore"):
+        solve(mdp, gamma)
+
+
 def test_probabilities_that_miss_1_without_a_discount():
     """A step that costs 1 and ends with probability 1/1000: -1000, where rows that sum to 1 + 9e-10 give -1000.0009."""
     mdp = FiniteMDP.from_outcomes({(0, 0): [(0.999 + 9e-10, 0, -1.0), (0.001, 1, -1.0)]})
