@@ -26,6 +26,7 @@ from rlcore.distributions import Categorical
 
 LEVEL = 0.95  # of all intervals
 DRAWS = 2000  # samples of a bootstrap
+BLOCK = 2**22  # numbers drawn at a time, 32 MB
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -235,7 +236,10 @@ def evaluate(
 
 def _judged(returns, lengths, rng):
     mean, interval = float(returns.mean()), _mean_interval(returns)
-    drawn = interquartile_mean(returns[rng.integers(returns.size, size=(DRAWS, returns.size))])
+    block = max(1, min(DRAWS, BLOCK // returns.size))
+    sizes = [min(block, DRAWS - i) for i in range(0, DRAWS, block)]
+    draws = (rng.integers(returns.size, size=(size, returns.size)) for size in sizes)
+    drawn = np.concatenate([interquartile_mean(returns[i]) for i in draws])
     low, high = np.quantile(drawn, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return Evaluation(returns, lengths, mean, interval, float(interquartile_mean(returns)), (float(low), float(high)))
 
@@ -376,6 +380,20 @@ def _filmed(name: str, env: Any, given: Given) -> Any:
     return env
 
 
+def _frame(env, shape=None):
+    """A copy of what env shows, for it may draw into the same array again."""
+    frame = np.array(env.render())
+    if (
+        frame.dtype != np.uint8
+        or frame.ndim != 3
+        or frame.shape[2] not in (3, 4)
+        or frame.shape != (shape or frame.shape)
+    ):
+        got = f"{frame.dtype} of shape {frame.shape}" if frame.ndim else show(frame[()])
+        raise ValueError(f"env: render() gave {got}, must be uint8 of shape {shape or '(height, width, 3)'}")
+    return frame
+
+
 @checked(agent=_agent, env=_filmed, path=check_path, likeliest=check_flag, max_steps=count(), fps=check_positive)
 def film(
     agent: Any, env: Any, path: str | os.PathLike[str], *, likeliest: bool = True, max_steps: int = 1000,
@@ -418,16 +436,20 @@ def film(
 
     guard, choose, total, t, done = Guard(env), _acting(agent, env, likeliest, rng), 0.0, 0, False
     s = guard.reset(seed=int(rng.integers(2**31)))
-    frames = [np.array(env.render())]  # copies: an environment may draw into the same array again
+    frames = [_frame(env)]
     while not done:
         s, r, terminated, truncated = guard.step(choose(s))
-        frames.append(np.array(env.render()))
+        frames.append(_frame(env, frames[0].shape))
         total, t = total + r, t + 1
         done = terminated or truncated or t == max_steps
     pictures = [Image.fromarray(frame) for frame in frames]
-    fps = fps or getattr(env, "metadata", {}).get("render_fps") or 30
+    fps = fps or check_positive("env.metadata['render_fps']", getattr(env, "metadata", {}).get("render_fps") or 30)
     options: dict[str, Any] = dict(
-        format="GIF", save_all=True, append_images=pictures[1:], duration=max(20, round(1000 / fps)), loop=0
+        format="GIF",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=round(min(max(20, 1000 / fps), 655_350)),
+        loop=0,
     )
     with whole(path, "wb") as out:
         pictures[0].save(out, **options)

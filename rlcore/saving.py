@@ -30,16 +30,20 @@ from rlcore.core.extras import extra
 from rlcore.core.files import check_path, whole
 from rlcore.core.results import PlanningRun, Run, Solution, WatkinsRun
 from rlcore.core.rules import anything, checked
+from rlcore.core.schedules import Schedule
+from rlcore.judging import Curve, Evaluation
 from rlcore.mdp import FiniteMDP, Trajectory
 from rlcore.nn import MLP
 from rlcore.optimizers import SGD, Adam
+from rlcore.ppo import PPOConfig
 from rlcore.torchnet import TorchNet
+from rlcore.trpo import TRPOConfig
 
 VERSION = 1
 KINDS = {
     kind.__name__: kind
-    for kind in (Solution, Run, PlanningRun, WatkinsRun, Trajectory, FiniteMDP, MLP, TorchNet, SGD, Adam, Normaliser,
-                 ActorCritic)
+    for kind in (Solution, Run, PlanningRun, WatkinsRun, Evaluation, Curve, Trajectory, FiniteMDP, ActorCritic,
+                 PPOConfig, TRPOConfig, Schedule, MLP, TorchNet, SGD, Adam, Normaliser)
 }  # fmt: skip
 GENERATORS = ("PCG64", "PCG64DXSM", "MT19937", "Philox", "SFC64")
 LEFT_OUT = {"_work", "_n", "_d"}  # made anew
@@ -55,8 +59,9 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     thing : Any
-        A Run, Solution, Trajectory, FiniteMDP, ActorCritic, MLP, TorchNet, optimizer, numpy.random.Generator, array,
-        number or string, or a list, tuple or dict of them, such as {"run": run, "rng": rng}.
+        A Run, Solution, Evaluation, Curve, Trajectory, FiniteMDP, ActorCritic, MLP, TorchNet, optimizer, Schedule,
+        PPOConfig, TRPOConfig, numpy.random.Generator, array, number or string, or a list, tuple or dict of them, such
+        as {"run": run, "rng": rng}.
     path : str | os.PathLike[str]
         Name of the file, taken as it is; one that is there is replaced when the new one is complete.
 
@@ -76,7 +81,10 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
     {'V': array([0., 0.]), 'name': 'walk'}
     """
     writer = _Writer()
-    header = {"format": "rlcore", "version": VERSION, "content": writer.node(thing)}
+    try:
+        header = {"format": "rlcore", "version": VERSION, "content": writer.node(thing)}
+    except RecursionError:
+        raise ValueError(f"thing: got {type(thing).__name__} that holds itself, must have an end") from None
     with whole(path, "wb") as out, zipfile.ZipFile(out, "w") as archive:
         archive.writestr("rlcore.json", json.dumps(header))
         for number, array in enumerate(writer.arrays):
@@ -166,8 +174,9 @@ class _Writer:
         if x is None or isinstance(x, bool | str) or type(x) in (int, float):
             return x
         if isinstance(x, np.ndarray | np.generic):
-            if x.dtype.hasobject:
-                raise ValueError(f"thing: got an array of {x.dtype}, must be of numbers or strings")
+            if x.dtype.hasobject or isinstance(x, np.ma.MaskedArray):
+                kind = "a masked array" if isinstance(x, np.ma.MaskedArray) else f"an array of {x.dtype}"
+                raise ValueError(f"thing: got {kind}, must be of numbers or strings")
             self.arrays.append(np.asarray(x))
             return {"array": len(self.arrays) - 1}
         for kind in (list, tuple):
@@ -193,7 +202,7 @@ def _parts(x):
     if isinstance(x, TorchNet):
         state = {name: value.detach().cpu().numpy() for name, value in x.module.state_dict().items()}
         return "TorchNet", {"state": state, "optimizer": x.optimizer}
-    fields = x.__getstate__() if isinstance(x, MLP) else vars(x)
+    fields = x.__getstate__() if isinstance(x, MLP) else x._asdict() if isinstance(x, Schedule) else vars(x)
     return type(x).__name__, {name: value for name, value in fields.items() if name not in LEFT_OUT}
 
 
@@ -243,7 +252,7 @@ class _Reader:
         kind = KINDS[name]
         if kind is TorchNet:
             return self.torch_net(**fields)
-        if kind in (Solution, Run, PlanningRun, WatkinsRun, Trajectory, FiniteMDP, ActorCritic):
+        if kind not in (MLP, SGD, Adam, Normaliser):
             return kind(**fields)
         found = kind.__new__(kind)
         if kind is MLP:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import DTypeLike
 
@@ -117,6 +117,9 @@ class TorchNet:
 
     def _tensor(self, name, values):
         return self._torch.as_tensor(check_samples(name, values, self.theta.dtype), device=self._flat.device)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TorchNet, (self.module, self.optimizer)
 
     def copy(self, dtype: DTypeLike | None = None) -> TorchNet:
         module = copy.deepcopy(self.module)

@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 from worlds import awkward
 
+import rlcore.judging as judging
 from rlcore.bellman import solve_policy
 from rlcore.core.agents import ActorCritic
 from rlcore.core.results import Run
@@ -230,3 +231,44 @@ def test_a_continuous_action_may_be_a_list():
         evaluate(lambda s, a=a: a, "Pendulum-v1", 1, max_steps=3, rng=rng()) for a in ([0.5], (0.5,), np.array([0.5]))
     ]
     assert found[0].mean == found[1].mean == found[2].mean
+
+
+@pytest.mark.parametrize(
+    "pictures, message",
+    [
+        ([None], "render[(][)] gave None"), ([np.zeros((8, 8, 3))], "render[(][)] gave float64 of shape [(]8, 8, 3[)]"),
+        ([np.zeros((8, 8), np.uint8)], "render[(][)] gave uint8 of shape [(]8, 8[)]"),
+        ([np.zeros((8, 8, 2), np.uint8)], "render[(][)] gave uint8 of shape [(]8, 8, 2[)]"),
+        ([np.zeros((n, 8, 3), np.uint8) for n in (8, 9)], "render[(][)] gave .*, must be uint8 of shape [(]8, 8, 3"),
+    ],
+)  # fmt: skip
+def test_pictures_that_are_none_are_refused(pictures, message, tmp_path):
+    lamp = Lamp()
+    lamp.render = iter(pictures).__next__
+    with pytest.raises(ValueError, match=f"^env: {message}"):
+        film(lambda s: 4, lamp, tmp_path / "lamp.gif", rng=rng())
+    assert not list(tmp_path.iterdir())
+
+
+def test_films_of_any_speed(tmp_path):
+    for fps in (0, -1.0, np.nan, np.inf, "30"):
+        with pytest.raises(ValueError, match="^fps: got"):
+            film(lambda s: 4, Lamp(), tmp_path / "lamp.gif", fps=fps, rng=rng())
+        lamp = Lamp()
+        lamp.metadata = {"render_fps": fps or -1}
+        with pytest.raises(ValueError, match="^env.metadata.*: got"):
+            film(lambda s: 4, lamp, tmp_path / "lamp.gif", rng=rng())
+    film(lambda s: 4, Lamp(), tmp_path / "lamp.gif", fps=1e-320, max_steps=1, rng=rng())
+    with Image.open(tmp_path / "lamp.gif") as picture:
+        assert picture.info["duration"] == 655_350
+
+
+def test_the_bootstrap_takes_blocks_of_the_same_draws(monkeypatch):
+    """So that many episodes need no table of 2000 times as many."""
+    returns = rng(1).normal(size=300)
+    whole = judging._judged(returns, np.ones(300, int), rng())
+    monkeypatch.setattr(judging, "BLOCK", 1000)
+    parts = judging._judged(returns, np.ones(300, int), rng())
+    assert parts.iqm_interval == whole.iqm_interval
+    drawn = interquartile_mean(returns[rng().integers(300, size=(2000, 300))])
+    assert whole.iqm_interval == tuple(np.quantile(drawn, [(1 - 0.95) / 2, (1 + 0.95) / 2]))

@@ -539,3 +539,21 @@ nan = float("nan")
 def test_bad_calls_name_the_argument(call, message):
     with pytest.raises(ValueError, match="^" + re.escape(message)):
         call()
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_actions_stay_inside_every_box(dtype):
+    """Also where float32 rounds the ends outwards, or has no such number."""
+    low, high = np.array([-0.1, 0.3, -1e300, -1.0]), np.array([0.1, 0.7, 1e300, np.inf])
+    space = gym.spaces.Box(low, high, dtype=np.float64)
+    box = action_box(space, scale=True, clip=True, dtype=dtype)
+    agent = ActorCritic(MLP([1, 4], dtype=dtype, rng=rng()), None, np.zeros(4, dtype), SGD(0.1), None, box)
+    for x in (-np.finfo(np.float32).max, -1.0, 0.0, 1.0, np.finfo(np.float32).max):
+        with np.errstate(over="ignore"):
+            actions = agent.bounded(np.full(4, x, dtype))
+        assert (low <= actions).all() and (actions <= high).all() and np.isfinite(actions).all()
+    np.testing.assert_allclose(agent.bounded(np.ones(4, dtype))[:2], [0.1, 0.7], rtol=1e-6)
+    stretched = agent.bounded(np.full(4, 0.5, dtype))
+    np.testing.assert_allclose(stretched[[0, 1, 3]], [0.05, 0.6, 0.5], rtol=1e-6)
+    assert stretched[2] == (0.5 if dtype == np.float32 else 5e299)
+    assert action_box(space, scale=False, clip=False, dtype=dtype)[2:].tolist() == [[-np.inf] * 4, [np.inf] * 4]

@@ -1,6 +1,8 @@
 """Files of results and agents: the same thing in another process, learning that goes on, and files that are refused."""
 
+import copy
 import json
+import pickle
 import subprocess
 import sys
 import zipfile
@@ -8,13 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from agents import Counter
+from agents import Counter, make_small
 from worlds import awkward
 
 from rlcore.core.agents import ActorCritic, Normaliser
+from rlcore.core.results import Run
+from rlcore.core.schedules import decaying
 from rlcore.dp import value_iteration
 from rlcore.envs import random_walk
 from rlcore.gae import learning_data
+from rlcore.judging import evaluate, learning_curve
 from rlcore.mdp import FiniteMDP
 from rlcore.nn import MLP
 from rlcore.optimizers import SGD, Adam
@@ -100,6 +105,40 @@ def test_plain_things_come_back(tmp_path):
         3: {"nested": [[], (), {}]},
     }
     same(things, kept(things, tmp_path))
+
+
+def test_judgements_and_settings_come_back(tmp_path):
+    judged = evaluate(np.ones((5, 1)), random_walk(3), 9, rng=rng())
+    runs = [q_learning(random_walk(3), 1.0, 9, alpha=0.1, epsilon=0.1, rng=rng(seed)) for seed in range(3)]
+    schedule, config = decaying(0.5, power=0.7), PPOConfig(**SMALL, clip=0.3)
+    same([judged, learning_curve(runs)], kept([judged, learning_curve(runs)], tmp_path))
+    assert kept([schedule, config, TRPOConfig(delta=0.02)], tmp_path) == [schedule, config, TRPOConfig(delta=0.02)]
+
+
+def test_what_no_file_holds_is_refused(tmp_path):
+    endless = [1]
+    endless.append({"again": endless})
+    for thing, message in (
+        (endless, "got list that holds itself"), (np.ma.masked_array([1.0, 2.0], [False, True]), "got a masked array"),
+        (np.array([None]), "got an array of object"), (range(3), "got range"), ({1, 2}, "got"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=f"^thing: {message}.*must "):
+            save(thing, tmp_path / "file.rl")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))], ids=["copy", "pickle"])
+def test_copies_of_agents_are_their_own(copied):
+    """A TorchNet's, too: its parameters are views of its theta, not of the first one's."""
+    pytest.importorskip("torch")
+    agent = make_small(torch_net=True, dtype=np.float32, optimizer=Adam)
+    again = copied(Run(np.zeros(1), np.ones(1, int), V=agent.values, policy=agent)).policy
+    x = np.ones((1, 3), np.float32)
+    np.testing.assert_array_equal(again.net.forward(x), agent.net.forward(x))
+    again.net.theta[:] = 0
+    assert not again.net.forward(x).any() and agent.net.forward(x).any()
+    again.net.step(again.net.backward(np.ones((1, 2), np.float32)))
+    assert again.net.theta.any()
 
 
 def test_what_is_one_thing_stays_one_thing(tmp_path):

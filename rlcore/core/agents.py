@@ -213,13 +213,18 @@ AGENT = instance(ActorCritic, "an ActorCritic")
 
 
 def action_box(space: Any, *, scale: bool, clip: bool, dtype: Any) -> Floats:
-    """The box of an ActorCritic for a Box of actions; sides without end are not stretched."""
+    """The box of an ActorCritic for a Box of actions; sides without end, or too long for dtype, are not stretched."""
     low, high = (np.asarray(side, np.float64) for side in (space.low, space.high))
-    known = np.isfinite(low) & np.isfinite(high) & scale
-    with np.errstate(invalid="ignore"):
-        centre, half = np.where(known, (low + high) / 2, 0.0), np.where(known, (high - low) / 2, 1.0)
-    ends = (low, high) if clip else (np.full_like(low, -np.inf), np.full_like(high, np.inf))
-    return np.array([centre, half, *ends], dtype)
+    with np.errstate(invalid="ignore", over="ignore"):
+        box = np.array([(low + high) / 2, (high - low) / 2, low, high], dtype)
+    known = np.isfinite(box[:2]).all(axis=0) & scale
+    box[0], box[1] = np.where(known, box[0], 0.0), np.where(known, box[1], 1.0)
+    if not clip:
+        box[2], box[3] = -np.inf, np.inf
+    else:  # dtype may have rounded the ends out of the Box
+        box[2] = np.where(box[2] < low, np.nextafter(box[2], np.inf, dtype=dtype), box[2])
+        box[3] = np.where(box[3] > high, np.nextafter(box[3], -np.inf, dtype=dtype), box[3])
+    return box
 
 
 def make_agent(
