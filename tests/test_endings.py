@@ -6,11 +6,11 @@ import pytest
 from worlds import gambler, stay_or_go
 
 from rlcore.bellman import error_bound, is_proper, q_from_v, solve_policy
-from rlcore.core.endings import loops
+from rlcore.core.endings import bound_above, grow, loops, prefer_ends, settled
 from rlcore.dp import policy_iteration, value_iteration
 from rlcore.envs.small import zero_loop
 from rlcore.judging import evaluate
-from rlcore.mdp import FiniteMDP
+from rlcore.mdp import FiniteMDP, deterministic_policy
 from rlcore.solver import solve
 
 METHODS = [value_iteration, policy_iteration, solve]
@@ -94,3 +94,63 @@ def test_no_bound_where_a_loop_costs_nothing():
     found = value_iteration(mdp, 1.0)
     assert found.bound == np.inf and found.converged
     assert np.abs(q_from_v(mdp, found.V, 1.0).max(axis=1) - found.V).max() == 0
+
+
+def detour(cost, direct=-1.0):
+    """From 0 straight to the end, or for `cost` by 1 and 2, which cost nothing more."""
+    return FiniteMDP.from_outcomes(
+        {(0, 0): [(1.0, 3, direct)], (0, 1): [(1.0, 1, -cost)], (1, 0): [(1.0, 2, 0.0)], (2, 0): [(1.0, 3, 0.0)]}
+    )
+
+
+def bound(mdp, V, pi, rounding):
+    return bound_above(mdp, np.array(V), q_from_v(mdp, V, 1.0), deterministic_policy(mdp, pi), rounding)
+
+
+def test_the_bound_above_by_hand():
+    """A step gains 1/2 over V, rounding 1/4: V + 2 (1/2 + 1/4) (1, 2, 1) is enough just where the detour costs 3.25."""
+    V, pi = [-1.5, 0.0, 0.0, 0.0], [0, 0, 0, 0]
+    assert bound(detour(3.25), V, pi, 0.25) == 3.0
+    assert bound(detour(3.1875), V, pi, 0.25) == np.inf
+
+
+def test_the_bound_above_takes_the_longest_way_that_is_nearly_best():
+    """More steps in place of one: that counts where it is worse by 2.5e-6, not by 3.5e-6, with 1 + |V| = 3."""
+    for worse, expected in ((0.0, 6.0), (2.5e-6, 6.0), (3.5e-6, np.inf)):
+        mdp = detour(2.0 + worse, direct=-2.0)
+        assert bound(mdp, [-2.0, 0.0, 0.0, 0.0], [0, 0, 0, 0], 1.0) == expected
+
+
+def padded():
+    """Action 0 stays, with an outcome of probability 0 that ends; action 1 ends half of the time; nothing costs."""
+    next_state, prob = (
+        np.array([[[0, 1], [0, 1]], [[1, 1], [1, 1]]]),
+        np.array([[[1, 0], [0.5, 0.5]], [[1, 0], [1, 0]]]),
+    )
+    legal, end = np.ones((2, 2), bool), np.array([False, True])
+    return FiniteMDP(next_state, prob.astype(float), np.zeros((2, 2, 2)), legal, end, np.array([1.0, 0.0]))
+
+
+def test_what_never_happens_leads_nowhere():
+    mdp, pi = padded(), np.array([[1.0, 0.0], [1.0, 0.0]])
+    assert loops(mdp, mdp.legal).tolist() == [True, False]
+    assert prefer_ends(mdp, pi, mdp.legal).tolist() == [[0.0, 1.0], [1.0, 0.0]]
+    assert pi.tolist() == [[1.0, 0.0], [1.0, 0.0]]  # a copy
+    np.testing.assert_array_equal(settled(mdp, np.zeros(2), pi, mdp.legal, 1e-9)[0], [0.0, 1.0])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_first_state_in_doubt_is_named(method):
+    """1 and 2 go in a circle for nothing and pay to leave; 0 and 3 end."""
+    mdp = FiniteMDP.from_outcomes(
+        {(0, 0): [(1.0, 4, -1.0)], (1, 0): [(1.0, 2, 0.0)], (1, 1): [(1.0, 4, -1.0)], (2, 0): [(1.0, 1, 0.0)],
+         (2, 1): [(1.0, 4, -1.0)], (3, 0): [(1.0, 4, 0.0)]}
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="^gamma: got 1, but .*from state 1"):
+        method(mdp, 1.0)
+
+
+def test_the_first_state_that_gains_is_named():
+    mdp = FiniteMDP.from_outcomes({(0, 0): [(1.0, 3, 1.0)], (1, 0): [(1.0, 2, 1.0)], (2, 0): [(1.0, 1, 1.0)]})
+    with pytest.raises(ValueError, match="^gamma: got 1, but values still grow in a loop from state 1,"):
+        grow(mdp, mdp.legal / mdp.legal.sum(axis=1, keepdims=True))

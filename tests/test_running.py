@@ -10,6 +10,7 @@ import time
 import warnings
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -20,12 +21,15 @@ from worlds import awkward
 import rlcore.core.running as running
 from rlcore.actor_critic import actor_critic, actor_critic_network
 from rlcore.core.compiled import HAVE_NUMBA
-from rlcore.core.running import Interrupted, Watch
+from rlcore.core.learner import note, shorter
+from rlcore.core.results import Run
+from rlcore.core.running import LOST, STOPPED, Interrupted, Watch
 from rlcore.core.worlds import MOST_STEPS
 from rlcore.dp import policy_evaluation, policy_iteration, value_iteration
 from rlcore.envs import MDPEnv, cliff_walking, gridworld, random_mdp, random_walk, recycling_robot
 from rlcore.judging import evaluate
 from rlcore.mdp import FiniteMDP, sample_returns
+from rlcore.monte_carlo import mc_prediction
 from rlcore.planning import dyna_q
 from rlcore.reinforce import reinforce, reinforce_network
 from rlcore.solver import solve
@@ -119,6 +123,45 @@ def test_rewards_that_doubles_cannot_add_say_so(kind):
         options = dict(epsilon=0.1) if learn is q_learning else {}
         with pytest.raises(ValueError, match="are no finite numbers any more in episode"), np.errstate(all="ignore"):
             learn(kind(mdp), gamma=1.0, n_episodes=50, alpha=0.5, max_steps=200, rng=rng(), **options)
+
+
+@pytest.mark.parametrize("kind", [lambda mdp: mdp, MDPEnv], ids=["process", "environment"])
+def test_returns_that_doubles_cannot_hold_are_the_rewards_fault(kind):
+    mdp, pi = FiniteMDP.from_outcomes({(0, 0): [(0.5, 0, 1e308), (0.5, 1, 1e308)]}), np.ones((2, 1))
+    message = "^world: its rewards must be smaller, as their sum is no finite number any more"
+    with np.errstate(all="ignore"):
+        for play in (partial(mc_prediction, kind(mdp), pi, 1.0), partial(evaluate, pi, kind(mdp))):
+            with pytest.raises(ValueError, match=message + r" in episode \d+, step \d+ or before"):
+                play(n_episodes=50, rng=rng())
+        with pytest.raises(ValueError, match=message + "$"):
+            sample_returns(mdp, pi, 1.0, 50, s=0, max_steps=99, rng=rng())
+
+
+def test_the_notes_of_a_compiled_loop():
+    """Kept every `record` episodes; a part of the table is looked at every 64, all of it in the end."""
+    world, history, table = SimpleNamespace(marks=np.zeros(2, int)), np.zeros((3, 600)), np.arange(600.0)
+    assert not note(world, history, table, 0, 2) and not history.any() and world.marks.tolist() == [0, 1]
+    assert not note(world, history, table, 1, 2) and world.marks.tolist() == [0, 2]
+    np.testing.assert_array_equal(history, [np.zeros(600), table, np.zeros(600)])
+    looked_at = {63: range(256), 127: range(256, 512), 191: range(512, 600), 255: range(168, 424)}
+    for place in (0, 167, 168, 255, 256, 423, 424, 511, 512, 599):
+        for k in range(256):
+            table, world.marks[:] = np.zeros(600), 0
+            table[place] = np.nan if k % 2 else np.inf
+            lost = place in looked_at.get(k, ())
+            assert note(world, history, table, k, 0) == lost == (world.marks[0] == LOST)
+    world.marks[0] = STOPPED
+    assert note(world, history, np.zeros(600), 0, 0)
+
+
+def test_a_run_that_was_stopped_is_shorter():
+    run = Run(np.array([1.0, 2.0, 3.0, 0.0]), np.array([4, 5, 6, 0]), Q=np.eye(2), history=np.arange(5.0))
+    for interrupted in (True, False):
+        short = shorter(run, dict(record=1), interrupted=interrupted)
+        assert short.returns.tolist() == [1.0, 2.0, 3.0] and short.lengths.tolist() == [4, 5, 6]
+        assert short.history.tolist() == [0.0, 1.0, 2.0, 3.0] and short.interrupted is interrupted
+    assert shorter(run, dict(record=2), interrupted=True).history.tolist() == [0.0, 1.0]
+    assert shorter(Run(run.returns, run.lengths), dict(record=0), interrupted=True).history is None
 
 
 def test_what_diverges_softly_says_so_too():

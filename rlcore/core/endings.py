@@ -61,9 +61,7 @@ def settled(mdp: Model, V: Floats, pi: Floats, best: Flags, tol: float) -> Float
     """
     pi = prefer_ends(mdp, pi, best)
     ends = reaches(chain(mdp, pi)[0], mdp.terminal)
-    doubtful = ~ends
-    if ((best & ~mdp.terminal[:, None]).sum(axis=1) > 1).any():
-        doubtful = doubtful | loops(mdp, best) & (-tol > V)
+    doubtful = ~ends | loops(mdp, best) & (-tol > V)
     if doubtful.any():
         s = np.flatnonzero(doubtful)[0]
         raise ValueError(

@@ -84,11 +84,12 @@ def _too_much(given):
 
 def _lost(given, found, ended):
     """What to say where estimates are no numbers any more; ended: how many episodes have."""
-    name = next((name for name in ("alpha", "alpha_w") if name in given), "gamma")
-    got = getattr(given.get(name), "first", given.get(name))
-    lengths = next((x for x in found[1:] if getattr(x, "dtype", None) == np.int64 and x.ndim == 1), np.zeros(1, int))
-    place = f"in episode {ended}, step {lengths[max(ended - 1, 0)]} or before"
-    return f"{name}: got {got}, must be smaller: estimates are no finite numbers any more {place}"
+    lengths = next((x for x in found[1:] if getattr(x, "dtype", None) == np.int64 and x.ndim == 1), None)
+    place = "" if lengths is None else f" in episode {ended}, step {lengths[max(ended - 1, 0)]} or before"
+    name = next((name for name in ("alpha", "alpha_w") if name in given), None)
+    if name is None:
+        return f"world: its rewards must be smaller, as their sum is no finite number any more{place}"
+    return f"{name}: got {given[name].first}, must be smaller: estimates are no finite numbers any more{place}"
 
 
 def _size(table):
