@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from agents import make_small, move, rng, samples
+from agents import A, make_small, move, rng, samples
 
 from rlcore.distributions import Categorical, Gaussian
 from rlcore.nn import MLP
@@ -287,3 +287,12 @@ NORMAL = torch.zeros(4, 2), torch.zeros(2)
 def test_bad_calls_name_the_argument(call, message):
     with pytest.raises(ValueError, match=f"^{message}"):
         call()
+
+
+@pytest.mark.parametrize("discrete", [True, False])
+def test_outputs_of_another_shape_are_refused(discrete):
+    agent = make_small(discrete)
+    assert agent.distribution(np.zeros((5, A))).sample(np.random.default_rng(0)).shape == ((5,) if discrete else (5, A))
+    for shape in ((A,), (5, A, 1), *([] if discrete else [(5, A + 1), (A, 5)])):
+        with pytest.raises(ValueError, match=r"^outputs: got shape \(.*\), must be \(B, A\)"):
+            agent.distribution(np.zeros(shape))

@@ -7,6 +7,7 @@ from scipy.sparse import csc_matrix, csr_array, csr_matrix, vstack
 from worlds import awkward
 
 from rlcore.bellman import solve_policy
+from rlcore.core.checks import veil
 from rlcore.dp import policy_evaluation
 from rlcore.envs import MDPEnv, random_mdp
 from rlcore.mdp import FiniteMDP
@@ -178,3 +179,30 @@ def test_a_wrapper_with_a_step_of_its_own_has_another_process(wrap):
         FiniteMDP.from_env(wrap(env))
     plain = gym.wrappers.RecordEpisodeStatistics(gym.Wrapper(env))
     assert FiniteMDP.from_env(plain) == FiniteMDP.from_env(env.unwrapped)
+
+
+def test_a_wrapper_that_only_looks_on_hides_nothing():
+    class Bare:
+        def __init__(self, env):
+            self.env = env
+
+    class Itself(MDPEnv):
+        env = property(lambda self: self)
+
+    class Renamed(gym.Wrapper):
+        def __init__(self, env):
+            super().__init__(env)
+            self.action_space = gym.spaces.Discrete(2, start=1)
+
+    env = MDPEnv(awkward(start=0))
+    for inner in (env, gym.Wrapper(env), Bare(gym.Wrapper(env)), Bare(env), Itself(env.mdp)):
+        assert veil(inner) is None
+    for kind in (lambda e: gym.wrappers.TransformReward(e, float), Renamed):
+        found = veil(gym.Wrapper(kind(gym.Wrapper(env))))
+        assert found == type(kind(env)).__name__
+
+
+def test_the_first_bad_place_is_named():
+    with pytest.raises(ValueError, match=r"^prob: negative at \(s=0, a=1, k=0\)"):
+        P = np.array([[[1.0, 0.0], [-0.5, 1.5]], [[1.5, -0.5], [1.0, 0.0]]])
+        FiniteMDP(np.broadcast_to([0, 1], P.shape), P, 0 * P, P[:, :, 0] < 9, np.zeros(2, bool), np.array([1.0, 0.0]))

@@ -14,6 +14,7 @@ from agents import Counter, make_small
 from worlds import awkward
 
 from rlcore.core.agents import ActorCritic, Normaliser
+from rlcore.core.files import whole
 from rlcore.core.results import Run
 from rlcore.core.schedules import decaying
 from rlcore.dp import value_iteration
@@ -124,7 +125,15 @@ def test_what_no_file_holds_is_refused(tmp_path):
     ):  # fmt: skip
         with pytest.raises(ValueError, match=f"^thing: {message}.*must "):
             save(thing, tmp_path / "file.rl")
+    with pytest.raises(ValueError, match="^path: got .*, must be in a folder that exists$"):
+        save(1, tmp_path / "none" / "file.rl")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_name_may_be_a_string(tmp_path):
+    with whole(str(tmp_path / "whole")) as out:
+        out.write("all of it")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["all of it"]
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))], ids=["copy", "pickle"])
