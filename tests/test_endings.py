@@ -97,10 +97,11 @@ def test_no_bound_where_a_loop_costs_nothing():
 
 
 def detour(cost, direct=-1.0):
-    """From 0 straight to the end, or for `cost` by 1 and 2, which cost nothing more."""
+    """From 0 straight to the end, or for `cost` by 1 and 2, which cost nothing more; 4 leads to 1."""
     return FiniteMDP.from_outcomes(
-        {(0, 0): [(1.0, 3, direct)], (0, 1): [(1.0, 1, -cost)], (1, 0): [(1.0, 2, 0.0)], (2, 0): [(1.0, 3, 0.0)]}
-    )
+        {(0, 0): [(1.0, 3, direct)], (0, 1): [(1.0, 1, -cost)], (1, 0): [(1.0, 2, 0.0)], (2, 0): [(1.0, 3, 0.0)],
+         (4, 0): [(1.0, 1, 0.0)]}
+    )  # fmt: skip
 
 
 def bound(mdp, V, pi, rounding):
@@ -108,9 +109,9 @@ def bound(mdp, V, pi, rounding):
 
 
 def test_the_bound_above_by_hand():
-    """A step gains 1/2 over V, rounding 1/4: V + 2 (1/2 + 1/4) (1, 2, 1) is enough just where the detour costs 3.25."""
-    V, pi = [-1.5, 0.0, 0.0, 0.0], [0, 0, 0, 0]
-    assert bound(detour(3.25), V, pi, 0.25) == 3.0
+    """A step gains 1/2 over V, rounding 1/4: V + 2 (1/2 + 1/4) (1, 2, 1, 0, 3) is enough from a detour of 3.25 on."""
+    V, pi = [-1.5, 0.0, 0.0, 0.0, 0.0], [0, 0, 0, 0, 0]
+    assert bound(detour(3.25), V, pi, 0.25) == 4.5
     assert bound(detour(3.1875), V, pi, 0.25) == np.inf
 
 
@@ -118,7 +119,7 @@ def test_the_bound_above_takes_the_longest_way_that_is_nearly_best():
     """More steps in place of one: that counts where it is worse by 2.5e-6, not by 3.5e-6, with 1 + |V| = 3."""
     for worse, expected in ((0.0, 6.0), (2.5e-6, 6.0), (3.5e-6, np.inf)):
         mdp = detour(2.0 + worse, direct=-2.0)
-        assert bound(mdp, [-2.0, 0.0, 0.0, 0.0], [0, 0, 0, 0], 1.0) == expected
+        assert bound(mdp, [-2.0, 0.0, 0.0, 0.0, 0.0], [0, 0, 0, 0, 0], 1.0) == expected
 
 
 def padded():
