@@ -60,6 +60,26 @@ def test_illegal_pairs_and_terminal_states_may_be_empty_rows():
     assert again == sparse
 
 
+def test_entries_of_sparse_matrices_are_what_they_stand_for():
+    """Twice the same place: the sum. A stored zero: nothing, and no slot. Rewards of any form."""
+    P, R, R3 = arrays(6, 2)
+    P[5], R[5], R3[5], end = 0.0, 0.0, 0.0, np.arange(6) == 5
+    twice = np.tile(P.reshape(12, 6) / 2, 2).ravel(), np.tile(np.arange(6), 24), 12 * np.arange(13)
+    half = csr_matrix(twice, shape=(12, 6))
+    assert half.nnz == 144 and not half.has_canonical_format
+    dense = FiniteMDP.from_arrays(P, R, terminal=end)
+    for found in (
+        FiniteMDP.from_arrays(half, R, terminal=end),
+        FiniteMDP.from_arrays(half, R.ravel(), terminal=end),
+        FiniteMDP.from_arrays([half[0::2], half[1::2]], R.T.ravel(), terminal=end, axes="ASS"),
+    ):
+        assert found == dense and found.prob.shape == dense.prob.shape
+        np.testing.assert_array_equal(found.prob[5], np.eye(dense.prob.shape[2])[[0, 0]])
+        assert (found.next_state[5] == 5).all() and not found.reward[5].any()
+    rewards = csr_matrix((R3 * (P > 0)).reshape(12, 6))
+    assert FiniteMDP.from_arrays(half, rewards, terminal=end) == FiniteMDP.from_arrays(P, R3 * (P > 0), terminal=end)
+
+
 def test_a_large_sparse_process_is_not_made_dense():
     S, A = 20_000, 4
     g, row = rng(), np.arange(S * A)
@@ -92,6 +112,17 @@ def test_rounded_rows():
     ([csr_matrix(np.eye(2)[::-1])], np.zeros((2, 1)), dict(terminal=[True, False]), "P: leads out of state 0"),
     ([csr_matrix(np.eye(2))], np.ones((2, 1)), dict(terminal=[True, False]), "R: got 1 in a terminal state"),
     ([csr_matrix(np.eye(2))], np.ones((2, 1)), dict(terminal=[True]), "terminal: got shape (1,)"),
+    ([csr_matrix(np.eye(3)[[2, 1, 0]])], np.zeros((3, 1)), dict(terminal=[True, False, True]),
+     "P: leads out of state 0"),
+    ([csr_matrix(np.eye(2)), csr_matrix(np.eye(2)[::-1])], np.zeros((2, 2)), dict(terminal=[False, True]),
+     "P: leads out of state 1"),
+    ([csr_matrix((2, 3)), csr_matrix((2, 3))], np.zeros((2, 2)), {}, "P: got matrices of shapes [(2, 3)]"),
+    ([csr_matrix([[1.0, np.inf], [0.0, 1.0]])], np.zeros((2, 1)), {}, "P: contains"),
+    ([csr_matrix([[0.5, 0.5], [-1.0, 2.0]])], np.zeros((2, 1)), {}, "P: contains -1"),
+    ([csr_matrix(np.eye(2))], np.array([[0.0], [np.nan]]), {}, "R: contains"),
+    ([csr_matrix(np.eye(2))], [["a"], ["b"]], {}, "R: got"),
+    (csr_matrix((np.full(20_000, 5e-5), (np.zeros(20_000, int), np.arange(20_000))), shape=(20_000, 20_000)),
+     np.zeros((20_000, 1)), {}, "P: needs an array of 20000 x 1 x 20000 numbers"),
     (np.zeros((3, 2, 2)), np.zeros((2, 3)), {}, "P: got shape (3, 2, 2)"),
     (np.zeros((2, 1, 2)), np.zeros((2, 1)), dict(axes="AS"), "axes: got 'AS'"),
     (np.zeros((2, 1, 2)), np.zeros((2, 1)), dict(normalise=1), "normalise: got 1"),
