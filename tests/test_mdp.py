@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -147,6 +148,15 @@ def test_sizes_are_read_from_the_outcomes():
     assert (m.n_states, m.n_actions) == (6, 3)
     assert FiniteMDP.from_outcomes({(4, 0): [(1.0, 0, 0.0)], (0, 0): [(1.0, 0, 0.0)]}).n_states == 5
     assert_array_equal(FiniteMDP.from_outcomes({(0, 0): [(1, 1, 0)]}, start=[1.0, 0.0]).start, [1.0, 0.0])
+
+
+def test_numbers_that_no_double_is_near_are_refused():
+    for row in ((1.0, 0, 10**400), (10**400, 0, 1.0)):
+        with pytest.raises(ValueError, match=r"^outcomes: got \(.*10000.*at \(0, 0\), must be"):
+            FiniteMDP.from_outcomes({(0, 0): [row]})
+    with pytest.raises(ValueError, match="^rewards: got"):
+        discounted_return([10**400], 0.9)
+    assert discounted_return([10**30, Fraction(1, 2)], 1.0) == 1e30
 
 
 def test_sums_may_miss_1_by_rounding():

@@ -1,5 +1,7 @@
 """Models as users have them: sparse matrices, other orders of axes, rounded rows, tables of environments, float32."""
 
+from types import SimpleNamespace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -170,6 +172,52 @@ class Table(gym.Env):
 
 ROWS = [[[(0.5, 1, 1.0), (0.5, 0, 0.0)], [(1.0, 2, -1.0)]], [[(1.0, 2, 2.0)], [(1.0, 0, 0.0)]],
         [[(1.0, 2, 0.0)], [(1.0, 2, 0.0)]]]  # fmt: skip
+
+
+def changed(s, a, out):
+    return [[out if (i, j) == (s, a) else rows for j, rows in enumerate(state)] for i, state in enumerate(ROWS)]
+
+
+@pytest.mark.parametrize(
+    "P, says",
+    [
+        ([], "env: P has [], must be lists"),
+        ({}, "env: P has {}, must be"),
+        (5, "env: P has 5, must be"),
+        ("ab", "env: P has 'ab', must be"),
+        ({"a": ROWS[0]}, "env: P has {'a'"),
+        ([ROWS[0], 3, ROWS[2]], "env: P has ["),
+        ([ROWS[0], [], ROWS[2]], "env: P has [] in state 1, must be"),
+        (changed(1, 0, None), "env: P has [None, "),
+        (changed(1, 0, []), "outcomes: no outcome at (1, 0)"),
+        (changed(0, 0, [(0.5, 1, 0.0)]), "prob: sums to 0.5 at (s=0, a=0)"),
+        (changed(0, 1, [(1.0, 1)]), "env: P has (1.0, 1) at (s=0, a=1), must be"),
+        (changed(0, 1, [(1.0, 1, 0.0, True, 3)]), "env: P has (1.0, 1, 0.0, True, 3) at (s=0, a=1), must be"),
+        (changed(0, 1, [(1.0, 7, 0.0)]), "next_state: got 7 at (s=0, a=1, k=0)"),
+        (changed(0, 1, [(1.0, -1, 0.0)]), "outcomes: got s_next = -1"),
+        (changed(0, 1, [("1", 1, 0.0)]), "env: P has ('1', 1, 0.0) at"),
+        (changed(0, 1, [(1.0, 1, 10**400)]), "env: P has (1.0, 1, 1000"),
+        (changed(0, 1, [(1.0, 1, 0.0, "no")]), "env: P has (1.0, 1, 0.0, 'no') at"),
+        (changed(0, 1, [(np.nan, 1, 0.0)]), "prob: not finite at"),
+        ([*ROWS, ROWS[2]], "outcomes: key (3, 0) is outside 0..2 states, 0..1 actions"),
+        ([[*state, state[0]] for state in ROWS], "outcomes: key (0, 2) is outside"),
+    ],
+)
+def test_odd_tables_say_where(P, says):
+    with pytest.raises(ValueError) as error:
+        FiniteMDP.from_env(Table(P))
+    assert str(error.value).startswith(says)
+
+
+def test_a_table_alone_says_how_large_it_is():
+    """Without spaces; state 2 stays for nothing, state 1 does not: it pays, or may leave."""
+    stays = [[[(1.0, 2, 0.0), (0.0, 0, 5.0)]] * 2]
+    for second in ([[(1.0, 1, 0.0)], [(1.0, 1, 1.0)]], [[(1.0, 1, 0.0)], [(0.5, 1, 0.0), (0.5, 0, 0.0)]]):
+        mdp = FiniteMDP.from_env(SimpleNamespace(P=[ROWS[0], second, *stays], action_names=["one", "two"]))
+        assert mdp.legal.shape == (3, 2) and mdp.terminal.tolist() == [False, False, True]
+        assert mdp.action_names == ("one", "two") and mdp.state_names is None
+    told = [[[(*row, row[1] == 1) for row in out] for out in state] for state in ROWS[:1]]
+    assert FiniteMDP.from_env(SimpleNamespace(P=[*told, ROWS[1], ROWS[2]])).terminal.tolist() == [False, True, False]
 
 
 @pytest.mark.parametrize("fields", [3, 4])

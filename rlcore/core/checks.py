@@ -30,6 +30,11 @@ def is_number(value: Any) -> bool:
     return isinstance(value, (float, int, Real)) and not isinstance(value, bool)  # the common ones first
 
 
+def is_float(value: Any) -> bool:
+    """Whether value is a real number that a double comes near to; 10**400 is none."""
+    return is_number(value) and (isinstance(value, float) or bool(abs(value) <= HUGE))
+
+
 def check_probability(name: str, value: Any, given: Given | None = None) -> float:
     """value as a float; ValueError unless it is a number in [0, 1]."""
     if not is_number(value) or not 0 <= value <= 1:
@@ -124,7 +129,7 @@ def as_floats(name: str, values: Any) -> Floats:
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         return values
     array = _array(name, values, "numbers")
-    if array.dtype.kind == "O" and all(is_number(x) for x in array.flat):
+    if array.dtype.kind == "O" and all(map(is_float, array.flat)):
         array = array.astype(float)
     if array.dtype.kind not in "iuf" and array.size:
         raise ValueError(f"{name}: got {show(values)}, must be numbers")

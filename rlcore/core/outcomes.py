@@ -13,6 +13,7 @@ from rlcore.core.checks import (
     check_entries,
     check_flag,
     check_index,
+    is_float,
     is_number,
     show,
     veil,
@@ -169,7 +170,7 @@ def from_env(env: Any) -> tuple[dict[tuple[int, int], Any], dict[tuple[int, int]
         raise ValueError(
             f"env: {type(env).__name__} has no transition table P; from_env reads toy-text tables, must have one"
         )
-    table = {(s, a): [_row(s, a, row) for row in out] for s, rows in _items(table) for a, out in _items(rows)}
+    table = {(s, a): [_row(s, a, row) for row in out] for s, rows in _items(table) for a, out in _items(rows, s)}
     S = _size(env, "observation", 1 + max(s for s, _ in table))
     A = _size(env, "action", 1 + max(a for _, a in table))
     terminal = {s2 for out in table.values() for p, s2, _, done in out if done and p > 0}
@@ -184,13 +185,19 @@ def from_env(env: Any) -> tuple[dict[tuple[int, int], Any], dict[tuple[int, int]
     return outcomes, table if told else {}, settings
 
 
-def _items(table):
-    """Pairs of a dict, or of a list and its places."""
-    return table.items() if isinstance(table, dict) else enumerate(table)
+def _items(table, *place):
+    """Pairs (place, rows) of a dict or a list."""
+    kinds = dict, list, tuple, np.ndarray
+    pairs = list(table.items() if isinstance(table, dict) else enumerate(table if isinstance(table, kinds) else ()))
+    if not pairs or not all(_is_index(i) and isinstance(rows, kinds) for i, rows in pairs):
+        where = f" in state {place[0]}" if place else ""
+        raise ValueError(f"env: P has {show(table)}{where}, must be lists, or dicts by number, of lists of outcomes")
+    return pairs
 
 
 def _row(s, a, row):
-    if not isinstance(row, (tuple, list)) or len(row) not in (3, 4):
+    good = isinstance(row, (tuple, list)) and len(row) in (3, 4) and all(map(is_float, row[:3]))
+    if not good or not all(isinstance(ends, (bool, np.bool_)) or ends in (0, 1) for ends in row[3:]):
         raise ValueError(f"env: P has {show(row)} at (s={s}, a={a}), must be (probability, s_next, reward[, ends])")
     return (*row, None)[:4]
 
@@ -246,8 +253,8 @@ def _pair(key):
 def _merge(key, rows):
     merged = {}
     for row in rows if hasattr(rows, "__iter__") else [rows]:
-        if not (isinstance(row, (tuple, list)) and len(row) == 3 and all(map(is_number, row))):
-            raise ValueError(f"outcomes: got {row!r} at {key}, must be (probability, s_next, reward)")
+        if not (isinstance(row, (tuple, list)) and len(row) == 3 and all(map(is_float, row))):
+            raise ValueError(f"outcomes: got {show(row)} at {key}, must be (probability, s_next, reward)")
         p, s_next, r = row
         if not _is_index(s_next):
             raise ValueError(f"outcomes: got s_next = {s_next!r} at {key}, must be an integer that is at least 0")
