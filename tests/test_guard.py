@@ -8,6 +8,7 @@ import pytest
 
 from rlcore.actor_critic import actor_critic, actor_critic_network
 from rlcore.core.checks import show
+from rlcore.core.running import Watch
 from rlcore.core.worlds import Guard
 from rlcore.envs import MDPEnv, random_walk
 from rlcore.judging import evaluate
@@ -84,6 +85,8 @@ BAD = {
     "reward None": (dict(r=None), "reward None in episode 2, step 2, must be a number"),
     "reward text": (dict(r="1"), "reward '1' in episode 2, step 2, must be a number"),
     "reward no float can hold": (dict(r=10**400), f"reward {show(10**400)} in episode 2, step 2, must be a number"),
+    "ragged rewards": (dict(r=[1.0, [2.0]]), "reward [1.0, [2.0]] in episode 2, step 2, must be a number"),
+    "terminated ragged": (dict(terminated=[0, [1]]), "terminated [0, [1]] in episode 2, step 2, must be True or False"),
     "two rewards": (dict(r=np.ones(2)), "reward array([1., 1.]) in episode 2, step 2, must be a number"),
     "terminated text": (dict(terminated="no"), "terminated 'no' in episode 2, step 2, must be True or False"),
     "truncated None": (dict(truncated=None), "truncated None in episode 2, step 2, must be True or False"),
@@ -104,8 +107,8 @@ BAD_VECTORS = {
     "NaN": (dict(s=np.array([np.nan, 0.0])), "observation array([nan,  0.]) in episode 2, step 2, must be finite"),
     "another shape": (dict(s=np.zeros(3)), "an observation of shape (3,) in episode 2, step 2, must be of shape (2,)"),
     "a number": (dict(s=1.0), "an observation of shape () in episode 2, step 2, must be of shape (2,)"),
-    "text": (dict(s="text"), "observation array('text', dtype='<U4') in episode 2, step 2, must be numbers"),
-    "ragged": (dict(s=[1.0, [2.0]]), "observation array(None, dtype=object) in episode 2, step 2, must be numbers"),
+    "text": (dict(s="text"), "observation 'text' in episode 2, step 2, must be numbers"),
+    "ragged": (dict(s=[1.0, [2.0]]), "observation [1.0, [2.0]] in episode 2, step 2, must be numbers"),
 }
 
 
@@ -275,3 +278,15 @@ def test_an_id_whose_module_is_missing_is_no_environment():
 def test_more_episodes_than_memory_holds_are_refused():
     with pytest.raises(ValueError, match="^n_episodes: needs an array of 1000000000 numbers"):
         q_learning(random_walk(3), 0.9, 10**9, alpha=0.5, epsilon=0.1, rng=rng())
+
+
+def test_the_largest_reward_is_kept_whatever_passes_quickly():
+    rewards = [0.5, -0.25, 1, np.float32(0.75), -3, 2.5, 3, -3.5, 1]
+    env = Line()
+    env.step = lambda action: (0, rewards[guard.t - 1], False, False, {})
+    guard = Guard(env)
+    act, largest = guard.acting(Watch(1)), []
+    for r in rewards:
+        assert act(None, 0, 0, None) == (0, float(r), False, False)
+        largest.append(guard.largest)
+    assert largest == [0.5, 0.5, 1.0, 1.0, 3.0, 3.0, 3.0, 3.5, 3.5]

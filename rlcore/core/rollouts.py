@@ -112,6 +112,10 @@ def vector_env(world: Any, n_envs: int = 1) -> Any:
         return OneEnv(world)
     if not isinstance(world, gym.vector.VectorEnv):
         raise ValueError(f"world: got {type(world).__name__}, must be a gymnasium environment or its id")
+    if n_envs not in (1, world.num_envs):
+        raise ValueError(
+            f"n_envs: got {n_envs} with a vector of {world.num_envs}, must be {world.num_envs} or left out"
+        )
     if world.metadata.get("autoreset_mode") != gym.vector.AutoresetMode.NEXT_STEP:
         raise ValueError(f"world: got {world.metadata.get('autoreset_mode')}, must reset on the next step")
     _check_spaces(world.single_observation_space, world.single_action_space)

@@ -186,16 +186,13 @@ class Guard:
         return s
 
     def _numbers(self, s):
-        try:
-            s = np.asarray(s)
-        except ValueError:
-            s = np.array(None)
-        if s.dtype.kind not in "biuf":
+        found = _as_array(s)
+        if found.dtype.kind not in "biuf":
             self._complain(f"observation {show(s)}", "numbers")
-        return s.astype(self._dtype if np.dtype(self._dtype).kind == "f" else float)
+        return found.astype(self._dtype if np.dtype(self._dtype).kind == "f" else float)
 
     def _number(self, r):
-        found = np.asarray(r) if isinstance(r, (int, float, np.ndarray, np.generic, list, tuple)) else np.array(None)
+        found = _as_array(r if isinstance(r, (int, float, np.ndarray, np.generic, list, tuple)) else None)
         if found.shape not in ((), (1,)) or found.dtype.kind not in "biuf":
             self._complain(f"reward {show(r)}", "a number")
         r = float(found.reshape(()))
@@ -204,7 +201,7 @@ class Guard:
         return r
 
     def _flag(self, name, value):
-        found = np.asarray(value)
+        found = _as_array(value)
         if found.shape not in ((), (1,)) or found.dtype.kind not in "biu" or found.reshape(()) not in (0, 1):
             self._complain(f"{name} {show(value)}", "True or False")
         return bool(found.reshape(()))
@@ -219,6 +216,14 @@ class Guard:
         size = f"{len(answer)} values" if isinstance(answer, tuple) else show(answer)
         old = "; four are the old API of gym" if isinstance(answer, tuple) and len(answer) == 4 else ""
         self._complain(f"step gave {size}", f"(observation, reward, terminated, truncated, info){old}")
+
+
+def _as_array(values):
+    """values as an array; one of kind O where they are ragged."""
+    try:
+        return np.asarray(values)
+    except ValueError:
+        return np.array(None)
 
 
 @contextmanager
