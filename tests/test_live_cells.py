@@ -2,9 +2,11 @@
 
 import itertools
 import json
+import re
 import subprocess
 import sys
 import zipfile
+from hashlib import sha256
 
 import pytest
 from conftest import ROOT
@@ -45,6 +47,10 @@ NEEDS = [  # cells; what the last of them needs
     (["def g(:\n    pass", "g()", "g()"], [0]),
     (["k = 1", "v = [2]", "print([k for k in v], {k for k in v}, {k: j for k, j in zip(v, v)})"], [1]),
     (["k = 1", "v = [[2]]", "print([[j + k for j in k] for k in v])"], [1]),
+    (["k = 1", "v = [2]", "for k in v:\n    class A:\n        k = v\n        def f(self):\n            return w"], [1]),
+    (["w = 1", "k = 2", "class A:\n    k = 3\n    j = k\n    def f(self):\n        return w"], [0]),
+    (["u = 1", "del u"], [0]),
+    (["u = 1", "return u\nv = 2", "v"], [1]),
 ]
 
 
@@ -158,43 +164,86 @@ def test_a_package_is_fetched_when_it_is_first_imported(tmp_path, monkeypatch):
     data, asked = (tmp_path / "a.zip").read_bytes(), []
     monkeypatch.setattr(shell, "SITE", str(tmp_path / "site"))
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    found = shell.Late({"mine_of_old": "a"}, {"a.zip": fetch.digest(data)}, lambda name: asked.append(name) or data)
-    monkeypatch.setattr(sys, "meta_path", [found, *sys.meta_path])
+    right, wrong = {"a.zip": fetch.integrity(data, "sha256")}, {"a.zip": "0" * 64}
+    found = shell.Late({"mine_of_old": ["a"]}, right, lambda name: asked.append(name) or data)
+    monkeypatch.setattr(sys, "meta_path", [*sys.meta_path, found])
     import json.tool  # noqa: F401
 
     assert asked == []
     import mine_of_old
 
     assert mine_of_old.value == 3 and asked == ["a.zip"]
-    other = shell.Late({"x": "a"}, {"a.zip": "0" * 64}, lambda name: data)
+    with pytest.raises(ModuleNotFoundError):
+        import mine_of_old.more  # noqa: F401
+    assert asked == ["a.zip"]
     with pytest.raises(ImportError, match=r"the file a\.zip is not the one that this book names"):
-        other.find_spec("x")
+        shell.Late({"x": ["a"]}, wrong, lambda name: data).find_spec("x")
+
+
+def test_the_rest_of_a_package_is_fetched_when_it_is_asked_for(tmp_path, monkeypatch):
+    data = {"a.zip": {"of_two/__init__.py": b"", "of_two/near.py": b""}, "b.zip": {"of_two/far.py": b"value = 4"}}
+    data, asked = {name: fetch.zipped(files) for name, files in data.items()}, []
+    hashes = {name: fetch.integrity(archive, "sha256") for name, archive in data.items()}
+    monkeypatch.setattr(shell, "SITE", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = shell.Late({"of_two": ["a", "b"]}, hashes, lambda name: asked.append(name) or data[name])
+    monkeypatch.setattr(sys, "meta_path", [*sys.meta_path, found])
+    import of_two.near  # noqa: F401
+
+    assert asked == ["a.zip"]
+    from of_two.far import value
+
+    assert value == 4 and asked == ["a.zip", "b.zip"]
 
 
 def test_a_file_counts_by_its_hash_wherever_it_comes_from(tmp_path, monkeypatch):
-    entry = {"from": "pyodide 1.0", "sha256": fetch.digest(b"right")}
-    monkeypatch.setattr(fetch, "FILES", tmp_path / "none")
-    monkeypatch.setitem(fetch.SOURCES, "pyodide", (lambda version, name: b"wrong", lambda version, name: b"right"))
-    assert fetch.get("a.zip", entry) == b"right"
-    monkeypatch.setitem(fetch.SOURCES, "pyodide", (lambda version, name: b"wrong", lambda version, name: 1 / 0))
-    with pytest.raises(SystemExit, match=r"a\.zip: not to be had \(.*another file, by its hash; .*ZeroDivisionError"):
-        fetch.get("a.zip", entry)
-    (tmp_path / "a.zip").write_bytes(b"right")
-    monkeypatch.setenv("LIVE_FILES", str(tmp_path))
-    assert fetch.get("a.zip", entry) == b"right"
+    hashes, right = [sha256(b"right").hexdigest()], {"here": lambda: b"wrong", "there": lambda: b"right"}
+    monkeypatch.setattr(fetch, "FILES", tmp_path / "before")
+    monkeypatch.delenv("LIVE_FILES", raising=False)
+    with pytest.raises(SystemExit, match=r"a\.zip: not to be had \(here: another file, by its hash; .*ZeroDivision"):
+        fetch.get("a.zip", hashes, {"here": lambda: b"wrong", "there": lambda: 1 / 0})
+    assert fetch.get("a.zip", ["0" * 64, *hashes], right) == b"right"
+    assert fetch.get("a.zip", hashes, {}) == b"right"  # kept
+    (tmp_path / "before" / "a.zip").write_bytes(b"wrong")
+    with pytest.raises(SystemExit, match=r"before: another file, by its hash\)"):
+        fetch.get("a.zip", hashes, {})
+    monkeypatch.setenv("LIVE_FILES", str(tmp_path / "mine"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "a.zip").write_bytes(b"right")
+    assert fetch.get("a.zip", hashes, {}) == b"right"
+    assert fetch.get("a.zip", [fetch.integrity(b"right", "sha512")], {}) == b"right"
 
 
-def test_the_lock_names_all_that_is_packed():
-    lock = json.loads((ROOT / "book" / "_live" / "lock.json").read_text(encoding="utf-8"))
-    for packages in fetch.ARCHIVES.values():
-        for name in packages:
-            assert len(list(fetch.wheels(lock, name))) == 1, name
-    assert set(fetch.CORE) <= set(lock["files"])
-    for name in fetch.NPM:
-        assert {f"{fetch.slug(name)}.js", f"{fetch.slug(name)}.licence"} <= set(lock["files"])
-    assert all(len(entry["sha256"]) == 64 for entry in lock["files"].values())
-    pinned = (ROOT / "requirements.lock").read_text(encoding="utf-8")
-    assert all(f"{e['from'].split()[1]} " in pinned for e in lock["files"].values() if e["from"].startswith("pypi"))
+def test_every_file_that_is_packed_has_its_hash_in_a_lock():
+    assert all(entry["integrity"].startswith("sha512-") for entry in fetch.NPM.values())
+    needed = {name for entry in fetch.NPM.values() for name in entry.get("dependencies", {})}
+    assert needed - fetch.NPM.keys() == {"ws", "@types/emscripten"}
+    for name in fetch.PYPI:
+        requirement, hashes = fetch.pinned(name)
+        assert requirement.startswith(f"{name}==") and hashes and all(len(digest) == 64 for digest in hashes)
+    modules = re.findall(r"\./python/([\w-]+)\.js", (ROOT / "book" / "_live" / "live.js").read_text(encoding="utf-8"))
+    assert modules and set(modules) <= {fetch.slug(name) for name in fetch.NPM}
+
+
+def test_a_package_of_npm_finds_its_neighbours_beside_it():
+    files = {
+        "package.json": b'{"exports": {"import": "./dist/index.js", "require": "./dist/index.cjs"}}',
+        "dist/index.js": b"import { a } from '@lezer/common';\nimport b from \"crelt\";\nimport c from './own.js';\n",
+        "LICENSE": b"to be kept",
+    }
+    assert fetch.editor(files).decode().splitlines() == [
+        'import { a } from "./lezer-common.js";',
+        'import b from "./crelt.js";',
+        "import c from './own.js';",
+    ]
+    assert fetch.licences("some", files) == "some\n\nto be kept"
+
+
+def test_tests_stay_at_home_and_scipy_is_sent_in_two_parts():
+    paths = ["scipy/__init__.py", "scipy/special/__init__.py", "scipy/stats/__init__.py", "scipy/stats/tests/a.py"]
+    assert [path for path in paths if fetch.belongs(path, "scipy")] == paths[:2]
+    assert [path for path in paths if fetch.belongs(path, "scipy-more")] == paths[2:3]
+    assert fetch.belongs("numpy/core.py", "numpy") and not fetch.belongs("numpy/tests/test_core.py", "numpy")
 
 
 def test_the_book_without_live_files_says_what_to_do(tmp_path):

@@ -1,27 +1,17 @@
 // Loaded at the first click: an editor for each cell that is opened, and one worker with Python for the page.
-import { defaultKeymap, history, historyKeymap, indentWithTab } from "./python/codemirror-commands.js";
+import { defaultKeymap, history, historyKeymap } from "./python/codemirror-commands.js";
 import { python } from "./python/codemirror-lang-python.js";
-import { HighlightStyle, bracketMatching, indentUnit, syntaxHighlighting } from "./python/codemirror-language.js";
-import { EditorState } from "./python/codemirror-state.js";
+import { bracketMatching, indentUnit, syntaxHighlighting } from "./python/codemirror-language.js";
 import { EditorView, keymap } from "./python/codemirror-view.js";
-import { tags } from "./python/lezer-highlight.js";
+import { classHighlighter } from "./python/lezer-highlight.js";
 
 const at = (name) => new URL(name, import.meta.url);
+const make = (tag, properties) => Object.assign(document.createElement(tag), properties);
 const cells = window.liveCells;
 const stored = cells.map((cell) => cell.querySelector(".cell_input pre").textContent.replace(/\n$/, ""));
-const opened = cells.map(() => null); // editor, output, status and buttons of each cell, once opened
+const opened = []; // cell -> editor, place of its output, status and buttons
 const ids = cells.map((cell, n) => cells[n + 1]?.className.match(/tag_check-(\S+)/)?.[1]); // of the exercise answered
-const key = "answers " + location.pathname;
-const kept = { texts: {}, passed: [] };
-try { Object.assign(kept, JSON.parse(localStorage.getItem(key))); } catch { /* nothing that was kept can be read */ }
-let worker, asked, next = 0;
-
-const colours = HighlightStyle.define([
-  { tag: tags.keyword, color: "var(--live-keyword)" },
-  { tag: tags.comment, color: "var(--live-comment)" },
-  { tag: [tags.string, tags.special(tags.string)], color: "var(--live-string)" },
-  { tag: tags.number, color: "var(--live-number)" },
-]);
+const text = (n) => opened[n]?.editor.state.doc.toString() ?? kept.texts[ids[n]] ?? stored[n];
 
 export function open(cell) {
   if (!cell) return;
@@ -31,102 +21,110 @@ export function open(cell) {
   if (!ids[n]) run(n);
 }
 
-function button(bar, text, action) {
-  const made = Object.assign(document.createElement("button"), { type: "button", textContent: text });
-  made.addEventListener("click", action);
+function button(bar, words, action) {
+  const made = make("button", { type: "button", textContent: words });
+  made.addEventListener("click", () => action());
   bar.append(made);
   return made;
 }
 
 function build(n) {
-  const cell = cells[n], input = cell.querySelector(".cell_input"), bar = cell.querySelector(".live-bar");
-  const holder = Object.assign(document.createElement("div"), { className: "live-editor" });
-  holder.addEventListener("keydown", (event) => event.stopPropagation()); // "/" is a slash here, not the page's search
-  [...input.children].forEach((child) => { child.hidden = true; });
-  input.append(holder);
-  const go = () => (run(n), true);
-  const name = ids[n] ? `Your answer to exercise ${ids[n]}` : `Python code of cell ${n + 1}`;
-  const editor = new EditorView({
-    parent: holder,
-    state: EditorState.create({
-      doc: kept.texts[ids[n]] ?? stored[n],
-      extensions: [
-        keymap.of([{ key: "Shift-Enter", run: go }, { key: "Mod-Enter", run: go }, ...defaultKeymap, ...historyKeymap]),
-        history(), python(), bracketMatching(), indentUnit.of("    "), syntaxHighlighting(colours), EditorView.lineWrapping,
-        EditorView.contentAttributes.of({ "aria-label": `${name}; Shift+Enter runs it` }),
-        EditorView.updateListener.of((update) => update.docChanged && ids[n] && keep(n)),
-      ],
-    }),
-  });
+  const input = cells[n].querySelector(".cell_input");
+  const bar = cells[n].querySelector(".live-bar");
   const status = bar.querySelector("span");
+  const place = ids[n] ? cells[n + 1] : cells[n]; // a verdict stands where the check is
+  const name = ids[n] ? `Your answer to exercise ${ids[n]}` : `Python code of cell ${n + 1}`;
+  const go = () => (run(n), true);
+  const parent = make("div", { className: "live-editor" });
+  parent.addEventListener("keydown", (event) => event.stopPropagation()); // "/" is a slash here, not the page's search
+  for (const child of input.children) child.hidden = true;
+  input.append(parent);
+  const editor = new EditorView({
+    parent,
+    doc: kept.texts[ids[n]] ?? stored[n],
+    extensions: [
+      keymap.of([{ key: "Shift-Enter", run: go }, { key: "Mod-Enter", run: go }, ...defaultKeymap, ...historyKeymap]),
+      [history(), python(), bracketMatching(), indentUnit.of("    "), EditorView.lineWrapping],
+      syntaxHighlighting(classHighlighter),
+      EditorView.contentAttributes.of({ "aria-label": `${name}; Shift+Enter runs it` }),
+      EditorView.updateListener.of((update) => update.docChanged && ids[n] && keep(n)),
+    ],
+  });
+  const undo = () => editor.dispatch({ changes: { from: 0, to: editor.state.doc.length, insert: stored[n] } });
   bar.replaceChildren();
   const runs = button(bar, ids[n] ? "Check" : "Run", go);
-  const stops = button(bar, "Stop", () => stop());
+  const stops = button(bar, "Stop", stop);
   stops.hidden = true;
   if (ids[n]) for (const word of ["Hint", "Solution"]) button(bar, word, () => unfold(n, word));
-  button(bar, "Undo changes", () => editor.dispatch({ changes: { from: 0, to: editor.state.doc.length, insert: stored[n] } }));
+  button(bar, "Undo changes", undo);
   bar.append(status);
-  const place = ids[n] ? cells[n + 1] : cell; // a verdict stands where the check is
   if (ids[n]) place.querySelector(".cell_input").hidden = true;
-  let output = place.querySelector(".cell_output");
-  const alt = output?.querySelector("img")?.alt;
-  if (!output) place.append(output = Object.assign(document.createElement("div"), { className: "cell_output docutils container" }));
-  return { editor, output, status, runs, stops, alt };
+  const alt = place.querySelector(".cell_output img")?.alt;
+  if (!place.querySelector(".cell_output")) place.append(make("div", { className: "cell_output docutils container" }));
+  return { editor, output: place.querySelector(".cell_output"), status, runs, stops, alt };
 }
 
-function unfold(n, word) { // the next hint, or the solution, which are folded below the check
+// The next hint, or the solution, which are folded below the check
+function unfold(n, word) {
   let part = cells[n + 1];
   while ((part = part.nextElementSibling) && !part.matches("section, div.cell")) {
-    if (!part.matches("details") || part.open || !part.querySelector("summary").textContent.startsWith(word)) continue;
+    if (!part.matches("details:not([open])") || !part.querySelector("summary").textContent.startsWith(word)) continue;
     part.open = true;
     return part.scrollIntoView({ block: "nearest" });
   }
   opened[n].status.textContent = word === "Hint" ? "That was the last hint." : "";
 }
 
-const text = (n) => opened[n]?.editor.state.doc.toString() ?? kept.texts[ids[n]] ?? stored[n];
+// ---------------------------------------------------------------- Python
+
+let worker;
+let asked; // the one cell that is running
 
 async function run(n) {
-  const one = opened[n], start = performance.now();
-  if (asked) return void (one.status.textContent = "Another cell is running; stop it first.");
+  const one = opened[n];
+  const start = performance.now();
+  const sources = cells.map((_, i) => text(i));
+  if (asked) {
+    one.status.textContent = "Another cell is running; stop it first.";
+    return;
+  }
+  const request = (asked = { one, unchanged: sources.every((source, i) => source === stored[i]), fresh: true });
   one.runs.disabled = true;
   one.stops.hidden = false;
   try {
-    const result = await ask(one, cells.map((_, i) => text(i)), ids[n] ? [n, n + 1] : [n]);
+    const result = await new Promise((resolve, reject) => {
+      Object.assign(request, { resolve, reject });
+      shelf().then(() => {
+        if (asked !== request) return; // stopped meanwhile
+        worker ??= hire();
+        worker.postMessage({ sources, targets: ids[n] ? [n, n + 1] : [n] });
+      });
+    });
+    const which = result.shown ? "Ended with an error" : "A cell that this one builds on ended with an error";
     const seconds = ((performance.now() - start) / 1000).toFixed(1);
-    one.status.textContent = `${result.well ? "Done" : result.shown ? "Ended with an error" : "A cell that this one builds on ended with an error"} in ${seconds} s`;
+    one.status.textContent = `${result.well ? "Done" : which} in ${seconds} s`;
     one.status.title = `Python holds ${Math.round(result.heap / 1e6)} MB`;
-    if (ids[n]) passed(n, result.well && one.output.lastChild?.textContent.startsWith("passed"));
+    if (ids[n]) passed(ids[n], result.well && one.output.lastChild?.textContent.startsWith("passed"));
   } catch (error) {
     one.status.textContent = error.message;
   }
+  asked = undefined;
   one.runs.disabled = false;
   one.stops.hidden = true;
 }
 
-function ask(one, sources, targets) {
-  const id = next++, unchanged = sources.every((source, i) => source === stored[i]);
-  return new Promise((resolve, reject) => {
-    asked = { id, one, unchanged, fresh: true, resolve, reject };
-    shelf().then(() => {
-      if (asked?.id !== id) return; // stopped meanwhile
-      worker ??= hire();
-      worker.postMessage({ id, sources, targets });
-    });
-  }).finally(() => { asked = undefined; });
-}
-
 function hire() {
   const made = new Worker(at("worker.js"), { type: "module" });
-  made.onmessage = ({ data }) => {
-    if (!asked || (data.id ?? asked.id) !== asked.id) return;
-    if (data.type === "status") asked.one.status.textContent = data.text + "…";
-    else if (data.type === "output") show(asked, data);
-    else if (data.type === "failed") stop(`Python cannot run here: ${data.text}.`);
-    else if (asked.fresh) asked.one.output.replaceChildren(), asked.resolve(data);
-    else asked.resolve(data);
-  };
   made.onerror = () => stop("Python could not be started here.");
+  made.onmessage = ({ data }) => {
+    if (made !== worker) return; // it was stopped
+    if (data.type === "status") asked.one.status.textContent = data.text + "…";
+    if (data.type === "output") show(data.output);
+    if (data.type === "failed") stop(`Python cannot run here: ${data.text}.`);
+    if (data.type !== "done") return;
+    if (asked.fresh) asked.one.output.replaceChildren();
+    asked.resolve(data);
+  };
   return made;
 }
 
@@ -136,85 +134,99 @@ function stop(words = "Stopped. What earlier cells made is made again at the nex
   asked?.reject(new Error(words));
 }
 
-function show(request, { shown, output }) {
-  if (!shown && output.type !== "error") return; // of a cell that this one builds on
-  const place = request.one.output, last = place.lastElementChild;
-  if (request.fresh) place.replaceChildren();
-  request.fresh = false;
-  if (output.type === "stream" && last?.isConnected && last.dataset.stream === output.name) return void last.firstChild.append(output.text);
-  const data = output.data ?? {}, box = document.createElement("div");
-  const picture = data["image/svg+xml"] ? "data:image/svg+xml;utf8," + encodeURIComponent(data["image/svg+xml"]) : data["image/png"] && "data:image/png;base64," + data["image/png"];
+function show({ type, name, text, data = { "text/plain": text } }) {
+  const { one, unchanged, fresh } = asked;
+  const last = fresh ? null : one.output.lastElementChild;
+  if (fresh) one.output.replaceChildren();
+  asked.fresh = false;
+  if (type === "stream" && last?.dataset.stream === name) return last.firstChild.append(text);
+  const box = make("div", { className: "output text_plain live-words" });
+  one.output.append(box);
   if (data["text/html"]) {
     box.className = "output text_html";
     box.innerHTML = data["text/html"];
-  } else if (picture) {
-    const img = Object.assign(new Image(), { src: picture, alt: request.one.alt && request.unchanged ? `Drawn anew: ${request.one.alt}` : "The figure that this cell drew" });
-    img.onload = () => { img.style.width = img.naturalWidth / 2 + "px"; };
+  } else if (data["image/png"]) {
     box.className = "output image_png";
-    box.append(img);
+    const alt = one.alt && unchanged ? `Drawn anew: ${one.alt}` : "The figure that this cell drew";
+    const image = make("img", { src: "data:image/png;base64," + data["image/png"], alt });
+    image.onload = () => (image.style.width = image.naturalWidth / 2 + "px");
+    box.append(image);
   } else {
-    box.className = { error: "output traceback live-error", stream: "output stream" }[output.type] ?? "output text_plain live-words";
-    if (output.type === "stream") box.dataset.stream = output.name;
-    box.append(Object.assign(document.createElement("pre"), { textContent: output.text ?? data["text/plain"] }));
+    if (type === "error") box.className = "output traceback live-error";
+    if (type === "stream") Object.assign(box, { className: "output stream" }).dataset.stream = name;
+    box.append(make("pre", { textContent: data["text/plain"] }));
   }
-  place.append(box);
 }
 
 // ---------------------------------------------------------------- what is kept in this browser, and nowhere else
 
+const key = "answers " + location.pathname;
+const kept = { texts: {}, passed: [] };
 let words = "Your answers are kept in this browser only.";
+let bar;
+
+function keep(n) {
+  kept.texts[ids[n]] = text(n) === stored[n] ? undefined : text(n);
+  save();
+}
+
+function passed(id, well) {
+  kept.passed = kept.passed.filter((other) => other !== id).concat(well ? [id] : []);
+  save();
+}
 
 function save() {
-  try { localStorage.setItem(key, JSON.stringify(kept)); } catch { words = "This browser keeps nothing: download your answers."; }
+  try {
+    localStorage.setItem(key, JSON.stringify(kept));
+  } catch {
+    words = "This browser keeps nothing: download your answers.";
+  }
   progress();
 }
 
-function keep(n) {
-  if (text(n) === stored[n]) delete kept.texts[ids[n]];
-  else kept.texts[ids[n]] = text(n);
-  save();
-}
-
-function passed(n, well) {
-  kept.passed = kept.passed.filter((id) => id !== ids[n]).concat(well ? [ids[n]] : []);
-  save();
-}
-
 function progress() {
-  const all = ids.filter(Boolean), there = document.querySelector(".live-kept");
-  if (!all.length) return;
-  const bar = there ?? Object.assign(document.createElement("p"), { className: "live-bar live-kept" });
-  if (!there) {
-    bar.append(document.createElement("span"));
+  if (!bar) {
+    bar = make("p", { className: "live-bar live-kept" });
+    bar.append(make("span"));
     button(bar, "Download as notebook", download);
-    button(bar, "Forget", () => { try { localStorage.removeItem(key); } finally { location.reload(); } });
+    button(bar, "Forget", forget);
     document.querySelector("article h1").after(bar);
   }
-  bar.firstChild.textContent = `${kept.passed.length} of ${all.length} passed. ${words}`;
+  bar.firstChild.textContent = `${kept.passed.length} of ${ids.filter(Boolean).length} passed. ${words}`;
 }
 
 async function download() {
-  const link = document.querySelector('a[href$=".ipynb"][href*="_sources"]'), answer = await fetch(link.href);
-  const notebook = await answer.json();
-  notebook.cells.filter((cell) => cell.cell_type === "code").forEach((cell, n) => { cell.source = text(n); });
+  const link = document.querySelector('a[href$=".ipynb"][href*="_sources"]');
+  const notebook = await (await fetch(link.href)).json();
+  notebook.cells.filter((cell) => cell.cell_type === "code").forEach((cell, n) => (cell.source = text(n)));
   const blob = new Blob([JSON.stringify(notebook, null, 1)], { type: "application/x-ipynb+json" });
-  Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: link.href.split("/").at(-1) }).click();
+  make("a", { href: URL.createObjectURL(blob), download: link.href.split("/").at(-1) }).click();
 }
+
+function forget() {
+  try {
+    localStorage.removeItem(key);
+  } finally {
+    location.reload();
+  }
+}
+
+try {
+  Object.assign(kept, JSON.parse(localStorage.getItem(key)));
+} catch {} // nothing that was kept can be read
+for (const [n, id] of ids.entries()) if (kept.texts[id] !== undefined) opened[n] = build(n);
+if (opened.length) progress();
 
 // ---------------------------------------------------------------- the next visit needs no network
 
 async function shelf() {
   const keeper = navigator.serviceWorker;
   if (!keeper || keeper.controller) return;
+  const ready = new Promise((resolve) => keeper.addEventListener("controllerchange", resolve, { once: true }));
   try {
     await keeper.register(at("../../live-shelf.js"));
-    const ready = new Promise((resolve) => keeper.addEventListener("controllerchange", resolve, { once: true }));
     await Promise.race([ready, new Promise((resolve) => setTimeout(resolve, 2000))]);
-    keeper.controller?.postMessage([location.href.split("#")[0], ...performance.getEntriesByType("resource").map((entry) => entry.name)]);
-  } catch { /* without it, pages are fetched each time */ }
-}
-
-if (Object.keys(kept.texts).length) {
-  cells.forEach((_, n) => { if (kept.texts[ids[n]] !== undefined) opened[n] = build(n); });
-  progress();
+    const fetched = performance.getEntriesByType("resource").map((entry) => entry.name);
+    keeper.controller?.postMessage([location.href.split("#")[0], ...fetched]);
+  } catch {} // without it, pages are fetched each time
 }

@@ -6,50 +6,38 @@ place, and what those need in turn.
 
 import ast
 import builtins
+import dis
 import re
-import symtable
 from functools import cache
+from types import CodeType
 
+READS = {"LOAD_NAME", "LOAD_GLOBAL", "LOAD_FROM_DICT_OR_GLOBALS", "DELETE_NAME"}
 CHANGING = {"append", "extend", "update", "add", "insert", "pop", "setdefault", "sort", "shuffle", "remove", "clear"}
 QUIET = {"print", "display"}  # they leave their arguments as they are
 
 
-class Scopes(ast.NodeTransformer):
-    """Comprehensions as generators, whose names are their own in every Python; since 3.12 those of a list are not."""
-
-    def visit_ListComp(self, node):
-        return self.generic_visit(ast.GeneratorExp(node.elt, node.generators))
-
-    visit_SetComp = visit_ListComp
-
-    def visit_DictComp(self, node):
-        return self.generic_visit(ast.GeneratorExp(ast.Tuple([node.key, node.value], ast.Load()), node.generators))
+def reads(code):
+    """Global names that a function or a class reads, and what is defined in it."""
+    steps = list(dis.get_instructions(code))
+    inner = [reads(step.argval) for step in steps if isinstance(step.argval, CodeType)]
+    own = {step.argval for step in steps if step.opname == "STORE_NAME"}  # of a class
+    return ({step.argval for step in steps if step.opname in READS} - own).union(*inner)
 
 
-def names(node):
-    """(global names that a statement reads, in its functions too; names that it binds)."""
-    top = symtable.symtable(ast.unparse(Scopes().visit(ast.parse(ast.unparse(node)))), "cell", "exec")
-    tables, read = [top], set()
-    for table in tables:
-        tables += table.get_children()
-        read |= {s.get_name() for s in table.get_symbols() if s.is_referenced() and (table is top or s.is_global())}
-    bound = {s.get_name() for s in top.get_symbols() if s.is_assigned() or s.is_imported() or s.is_namespace()}
-    return read | (
-        {node.target.id} if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name) else set()
-    ), bound
-
-
-def steps(node):
-    """A statement as the parts that run one after the other: a loop's head, its name, its body."""
-    if not isinstance(node, (ast.For, ast.While, ast.With)):
-        return [node]
-    heads = (
-        [(i.context_expr, i.optional_vars) for i in node.items]
-        if isinstance(node, ast.With)
-        else ([(node.iter, node.target)] if isinstance(node, ast.For) else [(node.test, None)])
-    )
-    parts = [ast.Assign([name], head, lineno=0) if name else ast.Expr(head) for head, name in heads]
-    return parts + [part for child in [*node.body, *getattr(node, "orelse", [])] for part in steps(child)]
+def flow(tree):
+    """(names read from above, names bound), in the order in which Python meets them."""
+    branches = [node for node in ast.walk(tree) if isinstance(node, (ast.If, ast.Try))]
+    unsure = {line for node in branches for line in range(node.lineno, node.end_lineno + 1)}
+    above, bound, sure = set(), set(), set(dir(builtins))
+    for step in dis.get_instructions(compile(tree, "cell", "exec")):
+        if step.opname in READS:
+            above |= {step.argval} - sure
+        elif isinstance(step.argval, CodeType):
+            above |= reads(step.argval) - sure
+        elif step.opname == "STORE_NAME":
+            bound.add(step.argval)
+            sure |= {step.argval} if step.positions.lineno not in unsure else set()
+    return above, bound
 
 
 def root(node):
@@ -62,19 +50,15 @@ def changes(tree):
     """Names whose value is changed in place: x[i] = 1, x += 1, x.append(1), or taken by a call that gives nothing."""
     found = []
     for node in ast.walk(tree):
-        if isinstance(node, ast.AugAssign):
-            found += [node.target]
-        elif isinstance(node, (ast.Assign, ast.Delete)):
-            found += [target for target in node.targets if isinstance(target, (ast.Subscript, ast.Attribute))]
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in CHANGING:
-            found += [node.func.value]
-        elif (
-            isinstance(node, ast.Expr)
-            and isinstance(node.value, ast.Call)
-            and ast.unparse(node.value.func) not in QUIET
-        ):
-            found += [*node.value.args, *(word.value for word in node.value.keywords)]
-            found += [node.value.func.value] if isinstance(node.value.func, ast.Attribute) else []
+        match node:
+            case ast.AugAssign():
+                found += [node.target]
+            case ast.Assign() | ast.Delete():
+                found += [target for target in node.targets if not isinstance(target, ast.Name)]
+            case ast.Call(func=ast.Attribute(attr=name)) if name in CHANGING:
+                found += [node.func.value]
+            case ast.Expr(value=ast.Call(func=func) as call) if ast.unparse(func) not in QUIET:
+                found += [*call.args, *(word.value for word in call.keywords), getattr(func, "value", None)]
     return set().union(*map(root, found))
 
 
@@ -93,15 +77,11 @@ def facts(source):
     """(names read from above, names bound, names changed in place, generators made, names imported)."""
     try:
         tree = ast.parse(source)
+        above, bound = flow(tree)
     except SyntaxError:  # it binds what it seems to, so that what builds on it meets the error
         return set(), {a or b for a, b in re.findall(r"^(?:(?:def|class) +(\w+)|(\w+) *=)", source, re.M)}, *[set()] * 3
-    above, bound, sure = set(), set(), set(dir(builtins))
-    for part in (part for statement in tree.body for part in steps(statement)):
-        read, made = names(part)
-        above |= read - sure
-        bound |= made
-        sure |= set() if isinstance(part, (ast.If, ast.Try)) else made
-    imported = {name for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom)) for name in names(node)[1]}
+    imports = [alias for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names]
+    imported = {(alias.asname or alias.name).split(".")[0] for alias in imports}
     return above, bound, changes(tree), generators(tree), imported
 
 

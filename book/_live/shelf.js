@@ -1,11 +1,12 @@
 // A service worker: what live pages run on is fetched once; pages that were read can be read without a network.
 const fixed = (url) => /\/live\/[0-9a-f]{12}\//.exec(url)?.[0]; // a folder's name changes with what is in it
-const open = () => caches.open("book");
+const here = (url) => url.startsWith(self.location.origin);
 
 async function fetched(request) {
   const answer = await fetch(request);
   if (!answer.ok) return answer;
-  const shelf = await open(), version = fixed(request.url);
+  const shelf = await caches.open("book");
+  const version = fixed(request.url);
   if (version && request.url.endsWith("files.json"))
     for (const old of await shelf.keys()) if ((fixed(old.url) ?? version) !== version) await shelf.delete(old);
   await shelf.put(request, answer.clone());
@@ -13,14 +14,15 @@ async function fetched(request) {
 }
 
 async function respond(request) {
-  const kept = await (await open()).match(request, { ignoreVary: true });
+  const kept = await caches.match(request, { cacheName: "book", ignoreVary: true });
   if (kept && fixed(request.url)) return kept;
-  return fetched(request).catch((error) => { if (kept) return kept; throw error; });
+  return fetched(request).catch((error) => kept ?? Promise.reject(error));
 }
 
-self.addEventListener("install", () => self.skipWaiting());
-self.addEventListener("activate", (event) => event.waitUntil(self.clients.claim()));
-self.addEventListener("message", (event) => event.waitUntil(Promise.allSettled(event.data.filter((url) => url.startsWith(self.location.origin)).map((url) => fetched(new Request(url))))));
-self.addEventListener("fetch", (event) => {
-  if (event.request.method === "GET" && event.request.url.startsWith(self.location.origin)) event.respondWith(respond(event.request));
-});
+self.oninstall = () => self.skipWaiting();
+self.onactivate = (event) => event.waitUntil(self.clients.claim());
+self.onmessage = (event) =>
+  event.waitUntil(Promise.allSettled(event.data.filter(here).map((url) => fetched(new Request(url)))));
+self.onfetch = (event) => {
+  if (event.request.method === "GET" && here(event.request.url)) event.respondWith(respond(event.request));
+};
