@@ -8,7 +8,7 @@ import pytest
 
 from rlcore.actor_critic import actor_critic, actor_critic_network
 from rlcore.core.checks import show
-from rlcore.core.running import Watch
+from rlcore.core.running import LOST, Watch
 from rlcore.core.worlds import Guard
 from rlcore.envs import MDPEnv, random_walk
 from rlcore.judging import evaluate
@@ -290,3 +290,44 @@ def test_the_largest_reward_is_kept_whatever_passes_quickly():
         assert act(None, 0, 0, None) == (0, float(r), False, False)
         largest.append(guard.largest)
     assert largest == [0.5, 0.5, 1.0, 1.0, 3.0, 3.0, 3.0, 3.5, 3.5]
+
+
+@pytest.mark.parametrize("start", [0, 2, 5])
+def test_states_are_counted_from_the_spaces_start(start):
+    env = Line()
+    env.observation_space = gym.spaces.Discrete(3, start=start)
+    guard = Guard(env)
+    for s in range(-2, 10):
+        guard._step = lambda action, s=s: (s, 0.0, False, False, {})
+        act = guard.acting(Watch(1))
+        if start <= s < start + 3:
+            assert act(None, 0, 0, None)[0] == s - start
+        else:
+            with pytest.raises(ValueError, match=f"^world: observation {s} in .*, must be in Discrete"):
+                act(None, 0, 0, None)
+
+
+def test_where_no_action_is_best_the_run_is_lost():
+    watch = Watch(1)
+    assert Guard(Line()).acting(watch)(None, 2, -1, None) == (2, 0.0, False, True)
+    assert watch.marks[0] == LOST
+
+
+def test_observations_take_the_spaces_kind_of_float():
+    guard = Guard(Line(vector=True))
+    assert [guard._see(s).dtype for s in ([0, 1], np.zeros(2, int), np.zeros(2, np.float64))] == [
+        np.float32,
+        np.float32,
+        float,
+    ]
+    guard._dtype = np.dtype(int)
+    assert guard._see([0, 1]).dtype == float
+
+
+def test_flags_are_0_or_1():
+    guard = Guard(Line())
+    for kind in (bool, np.bool_, int, np.int8, np.array, lambda x: np.full(1, x)):
+        assert guard._flag("terminated", kind(1)) is True and guard._flag("terminated", kind(0)) is False
+    for value in (2, -1, np.array([1, 1]), np.zeros(0, bool), 1.0):
+        with pytest.raises(ValueError, match="^world: terminated .* must be True or False"):
+            guard._flag("terminated", value)
