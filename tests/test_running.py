@@ -464,6 +464,10 @@ def test_a_bar_counts_to_its_end(monkeypatch, capsys):
     watch.show(3)
     watch.show(12)
     assert watch.bar.n == 10
+    watch.marks[:] = 8, 7  # why it ends, how many have ended
+    watch.show()
+    assert watch.bar.n == 7 and type(watch.bar.n) is int
+    assert watch.bar.unit == " episodes" and watch.bar.fp is sys.stderr and not watch.bar.leave
     watch.close()
     watch.show(4)
     assert "3/10" in capsys.readouterr().err
