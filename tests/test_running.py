@@ -467,7 +467,7 @@ def test_a_bar_counts_to_its_end(monkeypatch, capsys):
     watch.marks[:] = 8, 7  # why it ends, how many have ended
     watch.show()
     assert watch.bar.n == 7 and type(watch.bar.n) is int
-    assert watch.bar.unit == " episodes" and watch.bar.fp is sys.stderr and not watch.bar.leave
+    assert watch.bar.unit == " episodes" and not watch.bar.leave
     watch.close()
     watch.show(4)
     assert "3/10" in capsys.readouterr().err
