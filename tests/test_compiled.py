@@ -117,8 +117,8 @@ cdf, rng = numpy.array([0.0, 1.0]), numpy.random.default_rng(0)
 if {first}:
     sampling.draw(cdf, rng)
 import late
-kinds = type(late.before).__name__, type(late.draw).__name__
-print(late.before(cdf, rng), late.after(cdf, rng), sampling.draw(cdf, rng), *kinds)
+drawn = late.before(cdf, rng), late.after(cdf, rng), sampling.draw(cdf, rng)
+print(*drawn, type(late.before).__name__, type(late.draw).__name__)
 """
 
 
