@@ -170,6 +170,7 @@ def together(n, work):
 def quiet():
     """A process group of its own, whose output is thrown away."""
     os.setsid()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a run in the background ignores
     nowhere = os.open(os.environ.get("MUTATION_LOG", os.devnull), os.O_RDWR | os.O_CREAT | os.O_APPEND)
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)

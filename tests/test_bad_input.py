@@ -26,7 +26,7 @@ from rlcore.solver import solve
 from rlcore.studies.ch02 import cost_of_a_sweep, td0_groups
 from rlcore.studies.ch03 import reinforce_linear, spread_updates, trajectories, trajectory_probability
 from rlcore.studies.ch04 import first_updates, repeat
-from rlcore.studies.ch07 import bluff_learning
+from rlcore.studies.ch07 import bluff_guarantee, bluff_learning
 
 ROBOT = envs.recycling_robot()  # 2 states, 3 actions; action 2 is not legal in state 0
 PI = uniform_policy(ROBOT)
@@ -593,3 +593,10 @@ def test_truth_values_are_no_outcomes(row):
         FiniteMDP.from_outcomes({(0, 0): [row]})
     with pytest.raises(ValueError, match="^outcomes: got key"):
         FiniteMDP.from_outcomes({(False, 0): [(1.0, 0, 1.0)]})
+
+
+@pytest.mark.parametrize("x", [[0.5, -0.5], [0.5, 1.5], -1e-9, [np.nan, 0.5]])
+def test_every_probability_is_looked_at(x):
+    with pytest.raises(ValueError, match=r"^x: got .*, must be in \[0, 1\]"):
+        bluff_guarantee(x)
+    assert np.shape(bluff_guarantee([0.0, 1.0])) == (2,)

@@ -464,10 +464,33 @@ def test_a_bar_counts_to_its_end(monkeypatch, capsys):
     watch.show(3)
     watch.show(12)
     assert watch.bar.n == 10
+    bar = watch.bar
     watch.marks[:] = 8, 7  # why it ends, how many have ended
     watch.show()
-    assert watch.bar.n == 7 and type(watch.bar.n) is int
+    assert watch.bar is bar and bar.n == 7 and type(bar.n) is int
     assert watch.bar.unit == " episodes" and not watch.bar.leave
     watch.close()
     watch.show(4)
     assert "3/10" in capsys.readouterr().err
+
+
+def test_no_bar_where_its_package_is_missing(monkeypatch, capsys):
+    monkeypatch.setenv("RLCORE_NOTES", "1")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    watch = Watch(10)
+    watch.start -= 3
+    watch.show(3)
+    assert watch.bar is None and not watch.wanted and capsys.readouterr().err == ""
+
+
+def test_a_watch_counts_episodes_and_says_how_a_run_ended():
+    watch, run = Watch(9), Run(np.zeros(2), np.ones(2, int))
+    assert not watch.ended([1.0, 2.0], [3, 4], None) and watch.marks.tolist() == [0, 2] and not watch.asked
+    assert not watch.ended([1.0], [3], lambda G, steps: (G, steps) != (1.0, 3)) and watch.left(run) is run
+    assert watch.ended([1.0, 2.0], [3, 4], lambda G, steps: (G, steps) == (2.0, 7)) and watch.asked
+    assert watch.left(run) is run  # on_episode ended it, not Ctrl-C
+    watch = Watch()
+    watch.stop()
+    with pytest.raises(Interrupted) as found:
+        watch.left(run)
+    assert found.value.run.interrupted and watch.asked

@@ -229,7 +229,7 @@ def _as_array(values):
 @contextmanager
 def lent(env: Any, rng: Rng) -> Iterator[None]:
     """env draws from rng inside, and from what it drew from before afterwards."""
-    inner = getattr(env, "unwrapped", env)
+    inner = env.unwrapped
     names = ("_np_random", "_np_random_seed", "np_random")
     before = {name: vars(inner)[name] for name in names if name in vars(inner)}
     try:
