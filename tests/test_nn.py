@@ -646,13 +646,17 @@ def test_digits_are_enlarged_bilinearly():
 
 
 def test_digit_network_of_figure_47():
+    """Of eight splits .943 to .980, mean .964, sd .013; rounding decides on which side of that one ends."""
     pytest.importorskip("sklearn")
-    generator = rng()
-    x, labels, x_test, labels_test = load_digits_28(rng=generator)
-    net = MLP([784, 16, 16, 10], hidden="sigmoid", output="sigmoid", rng=generator)
-    history = sgd(net, x, one_hot(labels, 10), optimizer=SGD(3.0), batch=10, epochs=30, rng=generator)
-    assert 0.35 < history[0] < 0.5 and history[-1] < 0.03
-    assert (net.forward(x_test).argmax(axis=1) == labels_test).mean() > 0.95  # .963 and .990 on two splits
+    right = []
+    for seed in range(3):
+        generator = rng(seed)
+        x, labels, x_test, labels_test = load_digits_28(rng=generator)
+        net = MLP([784, 16, 16, 10], hidden="sigmoid", output="sigmoid", rng=generator)
+        history = sgd(net, x, one_hot(labels, 10), optimizer=SGD(3.0), batch=10, epochs=30, rng=generator)
+        assert 0.35 < history[0] < 0.5 and history[-1] < 0.03
+        right.append((net.forward(x_test).argmax(axis=1) == labels_test).mean())
+    assert np.mean(right) > 0.94 and min(right) > 0.91  # three, and four, standard deviations below
 
 
 def test_one_image_alone_teaches_nothing_about_the_others():

@@ -273,8 +273,10 @@ def test_undiscounted_without_cost_has_values_but_no_bound():
 
 
 def test_a_discount_that_rounding_hides_has_no_bound_and_has_not_converged():
-    found = solve(zero_loop(), 1 - 1e-10)
+    found = solve(zero_loop(), 1 - 1e-13)
     assert found.bound == np.inf and not found.converged
+    found = solve(zero_loop(), 1 - 1e-10)  # v_* is 1
+    assert abs(found.V[0] - 1) <= found.bound < 1e-4 and not found.converged
 
 
 def test_undiscounted_refusals():

@@ -189,7 +189,11 @@ def _items(table, *place):
     """Pairs (place, rows) of a dict or a list."""
     kinds = dict, list, tuple, np.ndarray
     pairs = list(table.items() if isinstance(table, dict) else enumerate(table if isinstance(table, kinds) else ()))
-    if not pairs or not all(_is_index(i) and isinstance(rows, kinds) for i, rows in pairs):
+    if (
+        (not pairs and not place)
+        or not isinstance(table, kinds)
+        or not all(_is_index(i) and isinstance(rows, kinds) for i, rows in pairs)
+    ):
         where = f" in state {place[0]}" if place else ""
         raise ValueError(f"env: P has {show(table)}{where}, must be lists, or dicts by number, of lists of outcomes")
     return pairs
