@@ -9,7 +9,7 @@ from scipy.sparse import csc_matrix, csr_array, csr_matrix, vstack
 from worlds import awkward
 
 from rlcore.bellman import solve_policy
-from rlcore.core.checks import veil
+from rlcore.core.checks import model_of, spaces, veil
 from rlcore.dp import policy_evaluation
 from rlcore.envs import MDPEnv, random_mdp
 from rlcore.mdp import FiniteMDP
@@ -258,6 +258,37 @@ def test_a_wrapper_with_a_step_of_its_own_has_another_process(wrap):
         FiniteMDP.from_env(wrap(env))
     plain = gym.wrappers.RecordEpisodeStatistics(gym.Wrapper(env))
     assert FiniteMDP.from_env(plain) == FiniteMDP.from_env(env.unwrapped)
+
+
+class Elsewhere(gym.Wrapper):
+    """Episodes begin in state 1."""
+
+    def reset(self, **options):
+        _, info = self.env.reset(**options)
+        self.env.unwrapped.s = 1
+        return 1, info
+
+
+class Alone:
+    """A layer that hides what it wraps."""
+
+    def __init__(self, env):
+        self._env, self.unwrapped = env, env.unwrapped
+        self.observation_space, self.action_space = env.observation_space, env.action_space
+
+
+@pytest.mark.parametrize("kind", [Slower, Elsewhere, Alone, gym.wrappers.NormalizeReward])
+def test_what_a_layer_changes_is_read_past_by_nobody(kind):
+    """Masks, ends and starts of the process inside are not those of the one outside."""
+    env = MDPEnv(awkward(start=0))
+    assert model_of(gym.Wrapper(env)) is env.mdp and not spaces(env)[0].all()
+    outside = kind(gym.Wrapper(env))
+    assert model_of(outside) is None and spaces(outside)[0].all() and not spaces(outside)[1].any()
+    with pytest.raises(ValueError, match=f"^env: got one in a {kind.__name__}"):
+        FiniteMDP.from_env(outside)
+    changed = gym.Wrapper(env)
+    changed.step = lambda a: env.step(0)
+    assert model_of(changed) is None
 
 
 def test_a_wrapper_that_only_looks_on_hides_nothing():

@@ -420,19 +420,18 @@ def test_bad_settings_of_batches(estimate, wrong, name):
 # ---------------------------------------------------------------------- control
 
 
-class Log(gym.Wrapper):
+class Log(MDPEnv):
     """Remembers (s, a, r, s', terminated) of every step."""
 
-    def reset(self, **options):
-        self.s, info = self.env.reset(**options)
-        self.steps = self.steps if hasattr(self, "steps") else []
-        return self.s, info
+    def __init__(self, mdp):
+        super().__init__(mdp)
+        self.steps = []
 
     def step(self, a):
-        s_next, r, terminated, truncated, info = self.env.step(a)
-        self.steps.append((self.s, a, r, s_next, terminated))
-        self.s = s_next
-        return s_next, r, terminated, truncated, info
+        s, found = self.s, super().step(a)
+        s_next, r, terminated, *_ = found
+        self.steps.append((s, a, r, s_next, terminated))
+        return found
 
 
 TARGETS = {
@@ -449,7 +448,7 @@ TARGETS = {
 def test_each_update_is_that_of_the_equation(learn, alpha):
     """The steps of a run, written down by the environment, and the equation applied to them one by one."""
     mdp, gamma, epsilon = awkward(seed=1), 0.9, 0.3
-    env = Log(MDPEnv(mdp))
+    env = Log(mdp)
     run = learn(env, gamma, 25, alpha=alpha, epsilon=epsilon, Q0=1.5, record=1, rng=rng(2))
     Q, N = run.history[0].copy(), np.zeros((7, 3))
     assert (Q[mdp.legal & ~mdp.terminal[:, None]] == 1.5).all() and (Q[mdp.terminal] == 0).all()
@@ -511,7 +510,7 @@ def test_epsilon_may_fall_by_episode_or_by_step():
 @pytest.mark.parametrize("per_step", [False, True])
 def test_when_epsilon_falls(learn, per_step):
     """Random at n = 0, greedy from then on: for the first of two episodes, or for the first step only."""
-    env = Log(MDPEnv(FiniteMDP.from_outcomes({(0, a): [(1.0, 0, 2.0 + a)] for a in range(2)})))
+    env = Log(FiniteMDP.from_outcomes({(0, a): [(1.0, 0, 2.0 + a)] for a in range(2)}))
     epsilon = decaying(1.0, rate=1e9, power=9, per_step=per_step)
     seen = []
     for seed in range(5):

@@ -197,15 +197,28 @@ def model_of(world: Any) -> Model | None:
     return model if isinstance(model, Model) and veil(world) is None else None
 
 
+ONLOOKERS = {"HumanRendering", "OrderEnforcing", "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo"}
+ONLOOKERS |= {"RenderCollection", "TimeLimit", "Wrapper"}  # wrappers of gymnasium that leave the process as it is
+
+
 def veil(env: Any) -> str | None:
-    """Name of the first wrapper of env that changes observations, actions or rewards; None where there is none."""
-    while (inner := getattr(env, "env", None)) is not None and inner is not env:
-        kind = type(env)
-        changes = any(hasattr(kind, name) for name in ("observation", "action", "reward"))
-        if changes or any(getattr(env, f"_{name}_space", None) is not None for name in ("observation", "action")):
-            return kind.__name__
+    """Name of the first layer around env.unwrapped that may make another process of it; None where all only look on."""
+    core = getattr(env, "unwrapped", env)
+    while env is not core:
+        inner = getattr(env, "env", None)
+        if inner is None or not _looks_on(env, inner):
+            return type(env).__name__
         env = inner
     return None
+
+
+def _looks_on(env, inner):
+    """Whether env has the spaces of inner, and step and reset as ONLOOKERS have them."""
+    methods = [getattr(env, name, None) for name in ("step", "reset")]
+    owners = {getattr(method, "__qualname__", "").split(".")[0] for method in methods}
+    theirs = owners <= ONLOOKERS and all(method.__module__.startswith("gymnasium.") for method in methods)
+    names = ("observation_space", "action_space")
+    return theirs and all(getattr(env, name, None) is getattr(inner, name, None) for name in names)
 
 
 def is_discrete(space: Any) -> bool:

@@ -145,24 +145,9 @@ def rounded_sums(prob: Array) -> Array:
     return freeze(np.divide(prob, total, out=prob.copy(), where=off))[0] if off.any() else prob
 
 
-ONLOOKERS = {"HumanRendering", "OrderEnforcing", "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo"}
-ONLOOKERS |= {"RenderCollection", "TimeLimit", "Wrapper"}  # wrappers of gymnasium whose steps are those of the table
-
-
-def _stepper(env):
-    """Name of the first wrapper with a step of its own, which may be another process; None where there is none."""
-    while (inner := getattr(env, "env", None)) is not None and inner is not env:
-        step = getattr(type(env), "step", None)
-        owner = getattr(step, "__qualname__", "").split(".")[0]
-        if owner not in ONLOOKERS or not getattr(step, "__module__", "").startswith("gymnasium."):
-            return type(env).__name__
-        env = inner
-    return None
-
-
 def from_env(env: Any) -> tuple[dict[tuple[int, int], Any], dict[tuple[int, int], Any], Given]:
     """Outcomes, the rows (p, s', r, ends) that the table `P` of an environment has, and sizes, start and names."""
-    if (changed := veil(env) or _stepper(env)) is not None:
+    if (changed := veil(env)) is not None:
         raise ValueError(f"env: got one in a {changed}, which its table knows nothing of; must be env.unwrapped")
     env = getattr(env, "unwrapped", env)
     table = getattr(env, "P", None)
