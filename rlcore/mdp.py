@@ -42,8 +42,8 @@ class FiniteMDP(Model):
     next_state : np.ndarray
         (S, A, K), the states s' of the outcomes.
     prob : np.ndarray
-        (S, A, K), their probabilities, which sum to 1 for each legal pair, within 1e-9: rows further away than 1e-12
-        are divided by their sums. Outcomes of probability 0 are padding.
+        (S, A, K), their probabilities, which sum to 1 for each legal pair, within 1e-9: rows further away than
+        rounding, K times 2.2e-16, are divided by their sums. Outcomes of probability 0 are padding.
     reward : np.ndarray
         (S, A, K), their rewards.
     legal : np.ndarray

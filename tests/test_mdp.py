@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 
@@ -159,13 +160,15 @@ def test_numbers_that_no_double_is_near_are_refused():
     assert discounted_return([10**30, Fraction(1, 2)], 1.0) == 1e30
 
 
-def test_sums_may_miss_1_by_rounding():
-    """Far off, by 1e-10, they are divided; as near as 1e-13 they stay, bit by bit."""
-    table = {(0, 0): [(0.5, 1, 0.0), (0.5 + 1e-10, 0, 0.0)], (0, 1): [(1 + 1e-13, 1, 0.0)]}
-    mdp = FiniteMDP.from_outcomes(table, start=[1 - 1e-10, 0.0])
-    assert_array_equal(np.sort(mdp.prob[0, 0]), np.array([0.5, 0.5 + 1e-10]) / (1 + 1e-10))
-    assert mdp.prob[0, 1].max() == 1 + 1e-13 and mdp.start[0] == 1.0
+@pytest.mark.parametrize("miss", [1e-10, -1e-10, 1e-13, 1e-15])
+def test_sums_may_miss_1_by_rounding(miss):
+    """Far off, by 1e-15 or more, they are divided; within the last digit of each number they stay, bit by bit."""
+    table = {(0, 0): [(0.5, 1, 0.0), (0.5 + miss, 0, 0.0)], (0, 1): [(1 + 2**-52, 1, 0.0)]}
+    mdp = FiniteMDP.from_outcomes(table, start=[1 - miss, 0.0])
+    assert_array_equal(np.sort(mdp.prob[0, 0]), np.sort(np.array([0.5, 0.5 + miss]) / (1 + miss)))
+    assert mdp.prob[0, 1].max() == 1 + 2**-52 and mdp.start[0] == 1.0
     assert not mdp.prob.flags.writeable and not mdp.start.flags.writeable
+    assert_array_equal(replace(mdp).prob, mdp.prob)
 
 
 def test_start_is_a_state_or_a_distribution():

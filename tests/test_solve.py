@@ -129,10 +129,10 @@ def test_bound_covers_rounding_in_exact_arithmetic():
 
 @pytest.mark.parametrize("miss", [9e-10, 9e-13])
 def test_probabilities_that_miss_1_are_covered(miss):
-    """Rows that sum to 1 + 9e-10 (FiniteMDP divides them) or 1 + 9e-13 (it does not); the bound must know."""
+    """Rows that sum to 1 + 9e-10 or 1 + 9e-13 are divided: what is solved is a process."""
     P = np.array([[[0.5, 0.5 + miss]], [[0.25, 0.75 - miss]]])
     mdp = FiniteMDP.from_arrays(P, np.array([[1.0], [3.0]]))
-    P = P / P.sum(axis=2, keepdims=True) if miss > 1e-12 else P
+    P = P / P.sum(axis=2, keepdims=True)
     for gamma in (0.9, 0.999):
         V = np.linalg.solve(np.eye(2) - gamma * P[:, 0], mdp.expected_reward()[:, 0])
         assert_certified(mdp, gamma, V_star=V)
@@ -143,6 +143,16 @@ def test_values_that_doubles_cannot_hold(gamma):
     mdp = FiniteMDP.from_outcomes({(0, 0): [(0.9, 0, 1e308), (0.1, 1, 1e308)]})
     with pytest.raises(ValueError, match="^(mdp|V): .*inf"), np.errstate(all="ignore"):
         solve(mdp, gamma)
+
+
+@pytest.mark.parametrize("miss", [9e-10, 1e-12, -9e-13, 1e-15])
+def test_bounds_hold_for_rows_that_were_rounded(miss):
+    """In rational numbers, for rows divided by their sums: the way to the end costs R / (1 - gamma p)."""
+    p, gamma, R = 0.9 + miss, 0.99, -1e6
+    mdp = FiniteMDP.from_outcomes({(0, 0): [(p, 0, R), (0.1, 1, R)]})
+    exact = Fraction(R) / (1 - Fraction(gamma) * Fraction(p) / (Fraction(p) + Fraction(0.1)))
+    for found in (solve(mdp, gamma), value_iteration(mdp, gamma, tol=1e-9), policy_iteration(mdp, gamma)):
+        assert abs(Fraction(found.V[0]) - exact) <= Fraction(found.bound)
 
 
 def test_probabilities_that_miss_1_without_a_discount():

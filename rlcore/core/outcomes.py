@@ -139,9 +139,10 @@ def _from_dense(P, R, terminal, start, normalise):
 
 
 def rounded_sums(prob: Array) -> Array:
-    """prob, rows divided by their sums where these miss 1 by more than 1e-12, as numbers typed in do."""
+    """prob, rows of K divided by their sums where these miss 1 by more than rounding does: K times the last digit."""
     total = prob.sum(axis=-1, keepdims=True)
-    off = (np.abs(total - 1) > 1e-12) & (total > 0)
+    rounding = min(prob.shape[-1] * np.finfo(float).eps, 1e-12)
+    off = (np.abs(total - 1) > rounding) & (total > 0)
     return freeze(np.divide(prob, total, out=prob.copy(), where=off))[0] if off.any() else prob
 
 
