@@ -118,22 +118,28 @@ def test_what_diverges_says_when(world):
 
 @pytest.mark.parametrize("kind", [lambda mdp: mdp, MDPEnv], ids=["process", "environment"])
 def test_rewards_that_doubles_cannot_add_say_so(kind):
+    """An error where actions are to be chosen by the estimates, or during a run; else, at its end, a warning."""
     mdp = FiniteMDP.from_outcomes({(0, 0): [(0.9, 0, 1e308), (0.1, 1, 1e308)], (0, 1): [(1.0, 1, -1e308)]})
-    for learn in (q_learning, partial(td0, pi=[[1.0, 0.0], [1.0, 0.0]])):
-        options = dict(epsilon=0.1) if learn is q_learning else {}
-        with pytest.raises(ValueError, match="are no finite numbers any more in episode"), np.errstate(all="ignore"):
-            learn(kind(mdp), gamma=1.0, n_episodes=50, alpha=0.5, max_steps=200, rng=rng(), **options)
+    options, said = dict(gamma=1.0, alpha=0.5, max_steps=200), "are no finite numbers any more in episode"
+    with np.errstate(all="ignore"):
+        with pytest.raises(ValueError, match=f"^alpha: got 0.5, .*{said}"):
+            q_learning(kind(mdp), n_episodes=50, epsilon=0.1, rng=rng(), **options)
+        with pytest.warns(RuntimeWarning, match=f"^alpha: got 0.5, .*{said}") as found:
+            assert not np.isfinite(td0(kind(mdp), [[1.0, 0.0]] * 2, n_episodes=9, rng=rng(), **options).V).all()
+    assert found[0].filename == __file__
 
 
 @pytest.mark.parametrize("kind", [lambda mdp: mdp, MDPEnv], ids=["process", "environment"])
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_returns_that_doubles_cannot_hold_are_the_rewards_fault(kind):
     mdp, pi = FiniteMDP.from_outcomes({(0, 0): [(0.5, 0, 1e308), (0.5, 1, 1e308)]}), np.ones((2, 1))
     message = "^world: its rewards must be smaller, as their sum is no finite number any more"
+    told = ValueError, RuntimeWarning
     with np.errstate(all="ignore"):
         for play in (partial(mc_prediction, kind(mdp), pi, 1.0), partial(evaluate, pi, kind(mdp))):
-            with pytest.raises(ValueError, match=message + r" in episode \d+, step \d+ or before"):
+            with pytest.raises(told, match=message + r" in episode \d+, step \d+ or before"):
                 play(n_episodes=50, rng=rng())
-        with pytest.raises(ValueError, match=message + "$"):
+        with pytest.raises(told, match=message + "$"):
             sample_returns(mdp, pi, 1.0, 50, s=0, max_steps=99, rng=rng())
 
 

@@ -58,8 +58,11 @@ def learner(result: Callable[..., Any], **special: Rule) -> Callable[[F], F]:
                 found, (why, ended), reward = run_loop(loop, given["world"], *inputs, rng=given["rng"], **told)
             except MemoryError:
                 raise MemoryError(_too_much(given)) from None
-            if why == LOST or not (found[0] < np.inf).all():
+            lost = not (found[0] < np.inf).all()
+            if why == LOST or (lost and "epsilon" in given):  # no action is the best one
                 raise ValueError(_lost(given, found, ended))
+            if lost:  # how large a step size may be is a question, too
+                warnings.warn(_lost(given, found, ended), RuntimeWarning, stacklevel=2)
             made = result(given, *found)
             if first is not None and (grown := _grown(given, made, first, reward)):
                 warnings.warn(grown, RuntimeWarning, stacklevel=2)
